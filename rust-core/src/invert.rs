@@ -1,0 +1,65 @@
+//! Inversion of a monotone positive function on (0, ∞) over hundreds of orders of magnitude.
+
+/// A monotone function and its derivative.
+pub struct Monotone<'a> {
+    /// Positive, monotone, between 0 and 1.
+    pub value: &'a dyn Fn(f64) -> f64,
+    /// Its derivative.
+    pub slope: &'a dyn Fn(f64) -> f64,
+}
+
+/// Steps after which bisection alone has exhausted all 2¹¹ exponents and 52 bits of the argument.
+const CAP: usize = 200;
+
+/// Finds x with `value(x) = target` for 0 ≤ target ≤ 1; 0 or ∞ where the target is at the end of the range.
+///
+/// Newton's method on ln value against ln x, kept inside a bracket: where a step leaves the bracket, or the
+/// value has underflowed to 0, the bracket is halved (geometrically) instead. The result is a fixed point to the last
+/// two bits of x.
+pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
+    let rising = (function.slope)(start) >= 0.0;
+    if target <= 0.0 {
+        return if rising { 0.0 } else { f64::INFINITY };
+    }
+    if target >= 1.0 {
+        return if rising { f64::INFINITY } else { 0.0 };
+    }
+    let (mut low, mut high) = (0.0_f64, f64::INFINITY);
+    let mut x = start;
+    let log_target = target.ln();
+    for _ in 0..CAP {
+        let value = (function.value)(x);
+        if value == target {
+            return x;
+        }
+        if (value < target) == rising {
+            low = x
+        } else {
+            high = x
+        }
+        let slope = (function.slope)(x);
+        let next = if value > 0.0 && slope != 0.0 {
+            // d ln value / d ln x = x slope / value
+            let difference = (target - value) / value;
+            let log_ratio = if difference.abs() < 0.5 { difference.ln_1p() } else { log_target - value.ln() };
+            x * (log_ratio * value / (x * slope)).exp()
+        } else {
+            f64::NAN
+        };
+        let inside = next > low && next < high;
+        let step = if inside && next < 16.0 * x && next > x / 16.0 {
+            next
+        } else if low == 0.0 {
+            x.min(high) / 16.0
+        } else if high.is_infinite() {
+            x.max(low) * 16.0
+        } else {
+            low.sqrt() * high.sqrt()
+        };
+        if (step - x).abs() <= 2.0 * f64::EPSILON * x || step == low && step == high || step == 0.0 {
+            return step;
+        }
+        x = step;
+    }
+    x
+}

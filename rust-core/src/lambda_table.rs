@@ -1,0 +1,147 @@
+//! The masking table: H over one variable, for every roughness and direction, as small as an accuracy allows.
+//!
+//! Nodes are the floats whose low mantissa bits are zero: 2^b of them per octave from 2^kmin on, and 0. The cell of an
+//! argument is found by a shift of its bits, and any power law is equally smooth in every octave, so the tails near
+//! 2pγ = 3 need no coordinate of their own. Each node holds H and H′ = −S; cells are cubic Hermite polynomials.
+
+use crate::masking::{Masking, masking};
+use crate::profile::Profile;
+
+/// H tabulated in single precision.
+#[derive(Debug, Clone)]
+pub struct LambdaTable {
+    /// (H, H′) per node; the first node is 0.
+    flat: Vec<f32>,
+    shift: u32,
+    first: u32,
+    reached: f64,
+}
+
+/// Mantissa bits of f32.
+const MANTISSA: u32 = 23;
+/// The finest spacing: 2⁹ nodes per octave (32 octaves then take 128 KiB).
+const FINEST: u32 = 9;
+/// The range of octaves that a table may span.
+const OCTAVES: (i32, i32) = (-40, 60);
+/// The finest accuracy that single-precision nodes can hold.
+pub const FINEST_ACCURACY: f64 = 1e-7;
+/// The share of the permitted error that interpolation may use, as measured in the middle of each cell, where the
+/// error of a cubic Hermite cell peaks; the rest is left for rounding and for cells whose error peaks elsewhere.
+const SHARE: f64 = 0.5;
+
+struct Node {
+    a: f64,
+    h: f64,
+    slope: f64,
+}
+
+impl LambdaTable {
+    /// The coarsest table whose G1 is within `accuracy` (relative) at every point measured.
+    ///
+    /// Nodes are doubled until the error, measured in the middle of every cell, is below half the accuracy; the
+    /// midpoints are the next table's nodes, so no value is computed twice.
+    pub fn new(profile: &dyn Profile, accuracy: f64) -> Self {
+        let permitted = SHARE * accuracy.max(FINEST_ACCURACY);
+        let node = |a: f64| {
+            let Masking { h, s } = masking(profile, a);
+            Node { a, h, slope: -s }
+        };
+        let zero = node(0.0);
+        // Where H has become a straight line towards 0, and where it no longer counts against a.
+        let mut low = ilog2(profile.mean()).clamp(OCTAVES.0 + 1, 20) - 1;
+        let error_of_first = |low: i32| {
+            let end = node(2f64.powi(low));
+            error(&zero, &end, &node(0.5 * end.a))
+        };
+        while low > OCTAVES.0 && error_of_first(low) > permitted {
+            low -= 1;
+        }
+        let mut octaves = vec![node(2f64.powi(low))];
+        while octaves.last().is_some_and(|n| n.h > 0.5 * permitted * n.a) && low + (octaves.len() as i32) < OCTAVES.1 {
+            octaves.push(node(2f64.powi(low + octaves.len() as i32)));
+        }
+        if octaves.len() == 1 {
+            octaves.push(node(2f64.powi(low + 1)));
+        }
+        let mut nodes = octaves;
+        let mut bits = 0;
+        let mut reached;
+        loop {
+            let middles: Vec<Node> = nodes.windows(2).map(|pair| node(0.5 * (pair[0].a + pair[1].a))).collect();
+            reached = nodes
+                .windows(2)
+                .zip(&middles)
+                .map(|(pair, middle)| error(&pair[0], &pair[1], middle))
+                .fold(0.0, f64::max);
+            if reached <= permitted || bits == FINEST {
+                break;
+            }
+            bits += 1;
+            let mut merged = Vec::with_capacity(2 * nodes.len());
+            let mut middles = middles.into_iter();
+            for node in nodes {
+                merged.push(node);
+                merged.extend(middles.next());
+            }
+            nodes = merged;
+        }
+        let end = nodes.last().map_or(0.0, |n| n.h / n.a);
+        let shift = MANTISSA - bits;
+        let flat = std::iter::once(&zero).chain(&nodes).flat_map(|n| [n.h as f32, n.slope as f32]).collect();
+        Self {
+            flat,
+            shift,
+            first: (2f32.powi(low)).to_bits() >> shift,
+            reached: reached.max(end) / SHARE + 1e-7 * SHARE,
+        }
+    }
+
+    /// Pairs (H, H′).
+    pub fn flat(&self) -> &[f32] {
+        &self.flat
+    }
+    /// How far the bits of an argument are shifted to number its cell.
+    pub fn shift(&self) -> u32 {
+        self.shift
+    }
+    /// The shifted bits of the first positive node.
+    pub fn first(&self) -> u32 {
+        self.first
+    }
+    /// Number of cells.
+    pub fn cells(&self) -> u32 {
+        (self.flat.len() / 2 - 1) as u32
+    }
+    /// The relative error of G1 that was reached.
+    pub fn reached(&self) -> f64 {
+        self.reached
+    }
+
+    /// H(a), a ≥ 0.
+    pub fn h(&self, a: f64) -> f64 {
+        let position = i64::from((a as f32).to_bits() >> self.shift) - i64::from(self.first) + 1;
+        let cell = position.clamp(0, i64::from(self.cells()) - 1) as usize;
+        let bits = |k: u32| f64::from(f32::from_bits((self.first + k) << self.shift));
+        let high = bits(cell as u32);
+        let low = if cell == 0 { 0.0 } else { bits(cell as u32 - 1) };
+        let node = |k: usize| (f64::from(self.flat[2 * k]), f64::from(self.flat[2 * k + 1]));
+        let t = ((a - low) / (high - low)).clamp(0.0, 1.0);
+        hermite(node(cell), node(cell + 1), high - low, t).max(0.0)
+    }
+}
+
+fn ilog2(x: f64) -> i32 {
+    x.log2().clamp(-1000.0, 1000.0) as i32
+}
+
+/// The cubic with values and slopes given at both ends of a cell.
+fn hermite((h0, s0): (f64, f64), (h1, s1): (f64, f64), width: f64, t: f64) -> f64 {
+    let rest = 1.0 - t;
+    rest * rest * (h0 * (1.0 + 2.0 * t) + s0 * width * t) + t * t * (h1 * (3.0 - 2.0 * t) - s1 * width * rest)
+}
+
+/// Relative error of G1 = a/(a+H) in the middle of a cell.
+fn error(left: &Node, right: &Node, middle: &Node) -> f64 {
+    let h = hermite((left.h, left.slope), (right.h, right.slope), right.a - left.a, 0.5);
+    (h - middle.h).abs() / (middle.a + middle.h)
+}

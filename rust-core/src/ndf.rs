@@ -1,0 +1,257 @@
+//! The stretched distribution: roughness and anisotropy, written once above any radial profile.
+//!
+//! Directions are unit vectors in the local frame, z along the geometric normal; ω_i points to the viewer, ω_o to the light,
+//! m is the microfacet normal. D and pdf are densities per solid angle of m; ∫ D cos θ_m dω_m = 1.
+
+use crate::azimuth::Azimuth;
+use crate::error::{ParameterError, require};
+use crate::lambda_table::LambdaTable;
+use crate::masking::masking;
+use crate::profile::Profile;
+use crate::visible_table::VisibleTable;
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// Roughness along both tangents (Mitsuba's `alpha_u`, `alpha_v`).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Roughness {
+    /// Along x.
+    pub u: f64,
+    /// Along y.
+    pub v: f64,
+}
+
+impl Roughness {
+    /// Validates both values: positive and finite.
+    ///
+    /// # Errors
+    /// Names the one that is not.
+    pub fn new(u: f64, v: f64) -> Result<Self, ParameterError> {
+        for (name, value) in [("alpha_u", u), ("alpha_v", v)] {
+            require(
+                value > 0.0 && value <= 1e6,
+                name,
+                value,
+                "greater than 0 and at most 1e6",
+                "0 is a smooth mirror: use a smooth material",
+            )?;
+        }
+        Ok(Self { u, v })
+    }
+}
+
+/// How masking and shadowing are combined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shadowing {
+    /// G2 = G1(ω_i) G1(ω_o).
+    Separable,
+    /// G2 = 1/(1 + Λ(ω_i) + Λ(ω_o)).
+    HeightCorrelated,
+}
+
+/// A sampled microfacet normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalSample {
+    /// The normal.
+    pub m: DVec3,
+    /// Its density per solid angle; 0 marks a normal that no reflection can use.
+    pub pdf: f64,
+    /// D(m)/pdf, finite where both overflow.
+    pub d_over_pdf: f64,
+}
+
+const INVALID: NormalSample = NormalSample { m: DVec3::Z, pdf: 0.0, d_over_pdf: 0.0 };
+
+/// A profile with its tables, ready to be evaluated and sampled at any roughness.
+pub struct Ndf {
+    profile: Box<dyn Profile>,
+    lambda_table: LambdaTable,
+    visible_table: VisibleTable,
+    accuracy: f64,
+}
+
+/// A direction in stretched slope space.
+struct Stretched {
+    direction: DVec3,
+    /// sin of the stretched polar angle
+    sin: f64,
+}
+
+impl Stretched {
+    fn new(alpha: Roughness, w: DVec3) -> Self {
+        let v = DVec3::new(alpha.u * w.x, alpha.v * w.y, w.z);
+        let length = v.length();
+        let direction = if length > 0.0 { v / length } else { DVec3::Z };
+        Self { direction, sin: direction.x.hypot(direction.y) }
+    }
+}
+
+impl Ndf {
+    /// Tabulates a profile; `accuracy` is the permitted relative error of G1, 0 means quadrature on every call.
+    ///
+    /// # Errors
+    /// `accuracy` is negative, above 0.1 or not a number.
+    pub fn new(profile: Box<dyn Profile>, accuracy: f64) -> Result<Self, ParameterError> {
+        require(
+            (0.0..=0.1).contains(&accuracy),
+            "accuracy",
+            accuracy,
+            "between 0 and 0.1",
+            "it is the permitted relative error of G1; 0 asks for quadrature on every call",
+        )?;
+        let lambda_table = LambdaTable::new(profile.as_ref(), accuracy);
+        let visible_table = VisibleTable::new(profile.as_ref());
+        Ok(Self { profile, lambda_table, visible_table, accuracy })
+    }
+
+    /// The radial profile.
+    pub fn profile(&self) -> &dyn Profile {
+        self.profile.as_ref()
+    }
+    /// The masking table.
+    pub fn lambda_table(&self) -> &LambdaTable {
+        &self.lambda_table
+    }
+    /// The table of visible normals.
+    pub fn visible_table(&self) -> &VisibleTable {
+        &self.visible_table
+    }
+    /// The relative error of G1 that calls of this object have.
+    pub fn accuracy_reached(&self) -> f64 {
+        if self.accuracy == 0.0 { 1e-12 } else { self.lambda_table.reached() }
+    }
+
+    /// `D(m) = A f(x) / (π σx σy cos⁴θ_m)`; 0 for m at or below the horizon.
+    pub fn d(&self, alpha: Roughness, m: DVec3) -> f64 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        let rho = (m.x / (alpha.u * m.z)).hypot(m.y / (alpha.v * m.z));
+        // √f/cos² first: cos⁴ underflows long before the quotient overflows
+        let root = self.profile.f(rho).sqrt() / (m.z * m.z);
+        finite(self.profile.normalization() / (PI * alpha.u * alpha.v) * root * root)
+    }
+
+    /// `Λ(ω)`; at and below the horizon, where it is infinite, the greatest finite number.
+    pub fn lambda(&self, alpha: Roughness, w: DVec3) -> f64 {
+        let across = (alpha.u * w.x).hypot(alpha.v * w.y);
+        if w.z <= 0.0 {
+            return f64::MAX;
+        }
+        if across == 0.0 {
+            return 0.0;
+        }
+        let a = w.z / across;
+        let h = if self.accuracy == 0.0 {
+            masking(self.profile.as_ref(), a.min(f64::MAX)).h
+        } else {
+            self.lambda_table.h(a)
+        };
+        finite(h / a)
+    }
+
+    /// Smith's `G1(ω) = 1/(1 + Λ)`; 0 at and below the horizon.
+    pub fn g1(&self, alpha: Roughness, w: DVec3) -> f64 {
+        if w.z <= 0.0 { 0.0 } else { 1.0 / (1.0 + self.lambda(alpha, w)) }
+    }
+
+    /// Masking and shadowing together.
+    pub fn g2(&self, alpha: Roughness, wi: DVec3, wo: DVec3, shadowing: Shadowing) -> f64 {
+        if wi.z <= 0.0 || wo.z <= 0.0 {
+            return 0.0;
+        }
+        let (i, o) = (self.lambda(alpha, wi), self.lambda(alpha, wo));
+        match shadowing {
+            Shadowing::Separable => 1.0 / (1.0 + i) / (1.0 + o),
+            Shadowing::HeightCorrelated => 1.0 / (1.0 + (i + o).min(f64::MAX)),
+        }
+    }
+
+    /// Density per solid angle of the normals that [`Ndf::sample_visible`] draws.
+    pub fn pdf_visible(&self, alpha: Roughness, wi: DVec3, m: DVec3) -> f64 {
+        if wi.z <= 0.0 || m.z <= 0.0 {
+            return 0.0;
+        }
+        let view = Stretched::new(alpha, wi);
+        let slope = (m.x / (alpha.u * m.z), m.y / (alpha.v * m.z));
+        let rho = slope.0.hypot(slope.1);
+        let facing = view.direction.z + view.direction.x * slope.0 + view.direction.y * slope.1;
+        if facing <= 0.0 {
+            return 0.0;
+        }
+        let mixture = self.visible_table.mixture(view.direction.z, view.sin);
+        let radial = self.visible_table.density(mixture, rho * rho);
+        if radial == 0.0 {
+            return 0.0;
+        }
+        let azimuth = Azimuth::new(view.direction.z, view.sin, rho);
+        finite(2.0 * radial * facing / azimuth.mass / (alpha.u * alpha.v * m.z * m.z * m.z))
+    }
+
+    /// Draws a visible normal; the reported pdf is the density of what is drawn.
+    pub fn sample_visible(&self, alpha: Roughness, wi: DVec3, u: (f64, f64)) -> NormalSample {
+        if wi.z <= 0.0 {
+            return INVALID;
+        }
+        let view = Stretched::new(alpha, wi);
+        let mixture = self.visible_table.mixture(view.direction.z, view.sin);
+        let Some((y, radial)) = self.visible_table.sample(mixture, u.0) else { return INVALID };
+        let rho = y.sqrt();
+        let azimuth = Azimuth::new(view.direction.z, view.sin, rho);
+        let phi = azimuth.sample(u.1);
+        let facing = view.direction.z + rho * view.sin * phi.cos();
+        if facing <= 0.0 {
+            return INVALID;
+        }
+        // the azimuth is counted from that of the view
+        let (cos_view, sin_view) =
+            if view.sin > 0.0 { (view.direction.x / view.sin, view.direction.y / view.sin) } else { (1.0, 0.0) };
+        let (sin, cos) = phi.sin_cos();
+        let slope = (rho * (cos * cos_view - sin * sin_view), rho * (sin * cos_view + cos * sin_view));
+        self.finish(alpha, rho, slope, 2.0 * radial * facing / azimuth.mass)
+    }
+
+    /// Density per solid angle of the normals that [`Ndf::sample_projected`] draws: D·cos θ_m up to the spline.
+    pub fn pdf_projected(&self, alpha: Roughness, m: DVec3) -> f64 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        if self.accuracy == 0.0 {
+            return self.d(alpha, m) * m.z;
+        }
+        let rho = (m.x / (alpha.u * m.z)).hypot(m.y / (alpha.v * m.z));
+        let radial = self.visible_table.density(self.visible_table.unseen(), rho * rho);
+        finite(radial / PI / (alpha.u * alpha.v * m.z * m.z * m.z))
+    }
+
+    /// Draws a normal from D·cos θ_m, whatever the view.
+    pub fn sample_projected(&self, alpha: Roughness, u: (f64, f64)) -> NormalSample {
+        let (rho, area_density) = if self.accuracy == 0.0 {
+            let rho = self.profile.quantile(u.0);
+            (rho, self.profile.normalization() / PI * self.profile.f(rho))
+        } else {
+            let Some((y, radial)) = self.visible_table.sample(self.visible_table.unseen(), u.0) else { return INVALID };
+            (y.sqrt(), radial / PI)
+        };
+        let (sin, cos) = (2.0 * PI * u.1).sin_cos();
+        self.finish(alpha, rho, (rho * cos, rho * sin), area_density)
+    }
+
+    /// The normal of a stretched slope drawn with the given density per slope area.
+    fn finish(&self, alpha: Roughness, rho: f64, slope: (f64, f64), area_density: f64) -> NormalSample {
+        let m = DVec3::new(alpha.u * slope.0, alpha.v * slope.1, 1.0);
+        let m = m / m.length();
+        let pdf = area_density / (alpha.u * alpha.v * m.z * m.z * m.z);
+        let d_over_pdf = self.profile.normalization() / PI * self.profile.f(rho) / area_density / m.z;
+        if m.z > 0.0 && pdf > 0.0 && pdf.is_finite() && d_over_pdf.is_finite() {
+            NormalSample { m, pdf, d_over_pdf }
+        } else {
+            INVALID
+        }
+    }
+}
+
+/// Overflow of a positive quantity saturates instead of becoming infinite.
+fn finite(x: f64) -> f64 {
+    x.min(f64::MAX)
+}

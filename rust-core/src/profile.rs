@@ -1,0 +1,44 @@
+//! What masking, sampling and tables need to know of a radial profile, and nothing else.
+//!
+//! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
+//! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
+
+/// How a profile ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Tail {
+    /// Faster than any power: nothing is left beyond the last break point.
+    Exponential,
+    /// `f(x) ∝ x^(−3−excess)` to double precision from the last break point on.
+    Power {
+        /// By how much the exponent exceeds 3, the least for which masking is finite.
+        excess: f64,
+    },
+}
+
+/// A radial slope profile at unit roughness.
+///
+/// `D(ω_m) = A f(x) / (π σx σy cos⁴θ_m)`, `1/(2A) = ∫₀^∞ x f(x) dx`, `F(x) = 2A ∫₀^x t f(t) dt`.
+pub trait Profile: Send + Sync {
+    /// `f(x)`, not normalized, for x ≥ 0.
+    fn f(&self, x: f64) -> f64;
+    /// `A`.
+    fn normalization(&self) -> f64;
+    /// `F(x)`, the share of slopes below x in the projected distribution D·cos.
+    fn cdf(&self, x: f64) -> f64;
+    /// `1 − F(x)` with its own relative accuracy.
+    fn sf(&self, x: f64) -> f64;
+    /// Inverse of [`Profile::cdf`] on [0, 1].
+    fn quantile(&self, u: f64) -> f64;
+    /// Inverse of [`Profile::sf`] on [0, 1].
+    fn isf(&self, u: f64) -> f64;
+    /// `2A ∫₀^∞ x² f(x) dx`, the mean slope.
+    fn mean(&self) -> f64;
+    /// Points right of `from`, ascending, between which f is smooth and falls or rises by a factor of e^20 at the
+    /// most. They end where the rest can be neglected against what lies right of `from`, or where the power tail
+    /// has become exact and 10⁵ `from` is reached. Cusps of f are among them.
+    fn breaks(&self, from: f64) -> Vec<f64>;
+    /// Points where f is not smooth.
+    fn cusps(&self) -> &[f64];
+    /// How it ends.
+    fn tail(&self) -> Tail;
+}

@@ -1,0 +1,333 @@
+//! The table from which visible normals are drawn: one monotone spline in ρ², for every roughness and direction.
+//!
+//! In stretched slopes the visible slopes seen under `a = cot θ` have the radial density
+//! `n(ρ; a) = (2A/π) f(ρ) ρ [π a + k(ρ, a)]`, `k = √(ρ²−a²) − a acos(a/ρ)` for ρ > a and 0 below,
+//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the cumulative mass `C` and the density
+//! `g = dC/dy` of `n/(a + b)`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
+//! the knot values and slopes of one monotone rational-quadratic spline (Gregory & Delbourgo 1982), which has a
+//! closed-form inverse. The spline *is* the sampling density, so its error costs variance and never bias.
+//!
+//! At ρ² rather than ρ the density at the normal itself is neither 0 nor ∞.
+
+use crate::profile::Profile;
+use crate::quadrature::{Gauss, gauss};
+use std::f64::consts::PI;
+
+/// Number of cells in ρ².
+pub const CELLS: usize = 64;
+/// Number of rows in a/(a + b).
+pub const ROWS: usize = 16;
+/// Pairs at which the first row starts in the flat table: 65 knots and one 0 of padding.
+pub const FIRST_PAIR: usize = (CELLS + 2) / 2;
+/// Stretched slopes beyond this are not drawn: their reflection is below the horizon for every view that is farther than
+/// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
+const SLOPE_CAP: f64 = 1e9;
+
+/// Knots, cumulative masses and densities, in single precision as renderers read them.
+#[derive(Debug, Clone)]
+pub struct VisibleTable {
+    flat: Vec<f32>,
+    scale: f64,
+}
+
+/// A point of the interpolated spline: which cell, and its two ends.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    y: f64,
+    width: f64,
+    below: f64,
+    mass: f64,
+    /// densities at both ends, in units of mass/width
+    ends: (f64, f64),
+}
+
+/// A row, or a mixture of two neighbours.
+#[derive(Debug, Clone, Copy)]
+pub struct Mixture {
+    row: usize,
+    t: f64,
+}
+
+impl VisibleTable {
+    /// Tabulates a profile.
+    pub fn new(profile: &dyn Profile) -> Self {
+        let scale = row_scale(profile);
+        let knots = place_knots(profile, scale);
+        let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + ROWS * (CELLS + 1)));
+        flat.extend(knots.iter().map(|&rho| (rho * rho) as f32));
+        flat.push(f32::INFINITY);
+        flat.push(0.0);
+        let rule = gauss(12);
+        // nodes and profile are shared by all rows
+        let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, rule, ends[0], ends[1])).collect();
+        let factor = profile.normalization() / PI;
+        for row in 0..ROWS {
+            let position = row as f64 / (ROWS - 1) as f64;
+            let view = View { position, scale };
+            let mut below = 0.0;
+            for (j, &rho) in knots.iter().enumerate() {
+                flat.extend([below as f32, (factor * profile.f(rho) * view.kernel(rho)) as f32]);
+                if j < cells.len() {
+                    below += cells[j].iter().map(|node| 2.0 * factor * node.mass * view.kernel(node.rho)).sum::<f64>();
+                }
+            }
+            // the lost cell: what lies beyond the last finite knot
+            let total = match view.cotangent() {
+                Some(a) => (a + crate::masking::masking(profile, a).h) / (a + scale),
+                None => 1.0,
+            };
+            flat.extend([total.max(below) as f32, 0.0]);
+        }
+        Self { flat, scale }
+    }
+
+    /// Knots (65, one 0 of padding), then rows of pairs (C, g).
+    pub fn flat(&self) -> &[f32] {
+        &self.flat
+    }
+
+    /// The b of the row coordinate a/(a + b).
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// The row coordinate for a stretched view with the given cosine and sine.
+    pub fn mixture(&self, cos: f64, sin: f64) -> Mixture {
+        let r = cos / (cos + sin * self.scale) * (ROWS - 1) as f64;
+        let row = (r as usize).min(ROWS - 2);
+        Mixture { row, t: r - row as f64 }
+    }
+
+    /// The last row alone: the distribution of D·cos, seen along the normal.
+    pub fn unseen(&self) -> Mixture {
+        Mixture { row: ROWS - 2, t: 1.0 }
+    }
+
+    fn knot(&self, j: usize) -> f64 {
+        f64::from(self.flat[j])
+    }
+
+    fn pair(&self, mixture: Mixture, j: usize) -> (f64, f64) {
+        let at = |row: usize| {
+            let k = 2 * (FIRST_PAIR + row * (CELLS + 1) + j);
+            (f64::from(self.flat[k]), f64::from(self.flat[k + 1]))
+        };
+        let ((c0, g0), (c1, g1)) = (at(mixture.row), at(mixture.row + 1));
+        (c0 + mixture.t * (c1 - c0), g0 + mixture.t * (g1 - g0))
+    }
+
+    fn cell(&self, mixture: Mixture, j: usize) -> Cell {
+        let ((c0, g0), (c1, g1)) = (self.pair(mixture, j), self.pair(mixture, j + 1));
+        let (y, mass) = (self.knot(j), c1 - c0);
+        let width = self.knot(j + 1) - y;
+        let unit = if mass > 0.0 { width / mass } else { 0.0 };
+        Cell { y, width, below: c0, mass, ends: (g0 * unit, g1 * unit) }
+    }
+
+    /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
+    pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
+        let total = self.pair(mixture, CELLS).0;
+        let target = u * total;
+        let (mut low, mut high) = (0, CELLS);
+        while high - low > 1 {
+            let middle = (low + high) / 2;
+            if self.pair(mixture, middle).0 <= target { low = middle } else { high = middle }
+        }
+        if low == CELLS - 1 {
+            return None;
+        }
+        let cell = self.cell(mixture, low);
+        if cell.mass <= 0.0 {
+            return None;
+        }
+        let q = ((target - cell.below) / cell.mass).clamp(0.0, 1.0);
+        let (d0, d1) = cell.ends;
+        let k = d0 + d1 - 2.0;
+        let b = d0 - q * k;
+        let tau = (2.0 * q / (b + (b * b + 4.0 * (1.0 - b) * q).max(0.0).sqrt())).clamp(0.0, 1.0);
+        let tau = if tau.is_nan() { 0.0 } else { tau };
+        Some((cell.y + tau * cell.width, cell.density(tau) / total))
+    }
+
+    /// Density per dρ² of what [`VisibleTable::sample`] draws.
+    pub fn density(&self, mixture: Mixture, y: f64) -> f64 {
+        let (mut low, mut high) = (0, CELLS);
+        while high - low > 1 {
+            let middle = (low + high) / 2;
+            if self.knot(middle) <= y { low = middle } else { high = middle }
+        }
+        if low == CELLS - 1 {
+            return 0.0;
+        }
+        let cell = self.cell(mixture, low);
+        cell.density((y - cell.y) / cell.width) / self.pair(mixture, CELLS).0
+    }
+}
+
+impl Cell {
+    fn density(&self, tau: f64) -> f64 {
+        if self.mass <= 0.0 {
+            return 0.0;
+        }
+        let (d0, d1) = self.ends;
+        let rest = tau * (1.0 - tau);
+        let below = 1.0 + (d0 + d1 - 2.0) * rest;
+        self.mass / self.width * (d1 * tau * tau + 2.0 * rest + d0 * (1.0 - tau) * (1.0 - tau)) / (below * below)
+    }
+}
+
+/// The view that a row stands for.
+#[derive(Clone, Copy)]
+struct View {
+    position: f64,
+    scale: f64,
+}
+
+impl View {
+    /// a, or `None` where it is infinite.
+    fn cotangent(&self) -> Option<f64> {
+        (self.position < 1.0).then(|| self.scale * self.position / (1.0 - self.position))
+    }
+
+    /// `[π a + k(ρ, a)]/(a + b)`.
+    fn kernel(&self, rho: f64) -> f64 {
+        let Some(a) = self.cotangent() else { return PI };
+        let k = if rho > a { crate::masking::bracket(a, rho, rho - a).0 } else { 0.0 };
+        (PI * a + k) / (a + self.scale)
+    }
+}
+
+struct Node {
+    rho: f64,
+    /// weight · f · ρ
+    mass: f64,
+}
+
+fn nodes(profile: &dyn Profile, rule: &Gauss, left: f64, right: f64) -> Vec<Node> {
+    let log = right > 2.0 * left && left > 0.0;
+    rule.nodes()
+        .iter()
+        .map(|&(t, weight)| {
+            let (rho, weight) = if log {
+                let ratio = (right / left).ln();
+                let rho = left * (t * ratio).exp();
+                (rho, weight * ratio * rho)
+            } else {
+                (left + t * (right - left), weight * (right - left))
+            };
+            Node { rho, mass: weight * rho * profile.f(rho) }
+        })
+        .collect()
+}
+
+/// b: the slope at which masking changes its regime.
+fn row_scale(profile: &dyn Profile) -> f64 {
+    profile.mean() / PI
+}
+
+/// A cell while knots are being placed.
+struct Draft {
+    left: f64,
+    right: f64,
+    nodes: Vec<Node>,
+    excess: f64,
+}
+
+/// Places the 64 finite knots where they lower E[w²] most: the cell with the greatest excess is halved (by mass)
+/// until all are spent.
+fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
+    let rule = gauss(12);
+    let probes = [0.0, 0.5, 1.0].map(|position| View { position, scale });
+    let mut ends: Vec<f64> = profile.breaks(0.0).into_iter().filter(|&x| x < SLOPE_CAP).collect();
+    ends.insert(0, 0.0);
+    if let crate::profile::Tail::Power { .. } = profile.tail() {
+        ends.push(SLOPE_CAP);
+    }
+    // totals per probe, so that excesses are shares of the whole
+    let mut drafts: Vec<Draft> = Vec::with_capacity(CELLS);
+    for pair in ends.windows(2) {
+        drafts.push(Draft {
+            left: pair[0],
+            right: pair[1],
+            nodes: nodes(profile, rule, pair[0], pair[1]),
+            excess: 0.0,
+        });
+    }
+    let totals =
+        probes.map(|probe| drafts.iter().flat_map(|d| &d.nodes).map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
+    let measure = |draft: &mut Draft| {
+        draft.excess =
+            probes.iter().zip(totals).map(|(probe, total)| excess(profile, draft, probe) / total).fold(0.0, f64::max);
+    };
+    drafts.iter_mut().for_each(measure);
+    while drafts.len() < CELLS - 1 {
+        let Some(worst) = (0..drafts.len()).max_by(|&i, &j| drafts[i].excess.total_cmp(&drafts[j].excess)) else {
+            break;
+        };
+        let draft = &drafts[worst];
+        let middle = draft.middle();
+        if !(middle > draft.left && middle < draft.right) {
+            drafts[worst].excess = -1.0;
+            if drafts.iter().all(|d| d.excess < 0.0) {
+                break;
+            }
+            continue;
+        }
+        let mut pair = [(draft.left, middle), (middle, draft.right)].map(|(left, right)| Draft {
+            left,
+            right,
+            nodes: nodes(profile, rule, left, right),
+            excess: 0.0,
+        });
+        pair.iter_mut().for_each(measure);
+        drafts.splice(worst..=worst, pair);
+    }
+    let mut knots: Vec<f64> = drafts.iter().map(|d| d.left).collect();
+    knots.push(drafts.last().map_or(1.0, |d| d.right));
+    // a profile so narrow that cells cannot be halved any more leaves empty cells at its end
+    while knots.len() < CELLS {
+        let last = knots[knots.len() - 1];
+        knots.push(last * 1.0625);
+    }
+    knots
+}
+
+impl Draft {
+    /// Halves the cell by mass of ρ f (weighed with ρ where that is more even), between the nodes.
+    fn middle(&self) -> f64 {
+        let total: f64 = self.nodes.iter().map(|n| n.mass).sum();
+        let mut sum = 0.0;
+        for (k, node) in self.nodes.iter().enumerate() {
+            sum += node.mass;
+            if sum >= 0.5 * total && total > 0.0 {
+                // never the outermost node: a cell must shrink by a real amount
+                return self.nodes[k.clamp(2, self.nodes.len() - 3)].rho;
+            }
+        }
+        self.nodes[self.nodes.len() / 2].rho
+    }
+}
+
+/// `∫ n²/n̂ − ∫ n` over a cell for the spline n̂ with the cell's exact mass and end densities.
+fn excess(profile: &dyn Profile, draft: &Draft, view: &View) -> f64 {
+    let mass: f64 = draft.nodes.iter().map(|n| n.mass * view.kernel(n.rho)).sum();
+    if mass <= 0.0 {
+        return 0.0;
+    }
+    let (y0, y1) = (draft.left * draft.left, draft.right * draft.right);
+    // densities per dy are half those per ρ dρ
+    let end = |rho: f64| 0.5 * profile.f(rho) * view.kernel(rho) * (y1 - y0) / mass;
+    let cell = Cell { y: y0, width: y1 - y0, below: 0.0, mass, ends: (end(draft.left), end(draft.right)) };
+    let second: f64 = draft
+        .nodes
+        .iter()
+        .map(|n| {
+            let kernel = view.kernel(n.rho);
+            // n.mass carries ρ dρ f; the density per dy is f kernel / 2
+            let exact = 0.5 * profile.f(n.rho) * kernel;
+            let spline = cell.density((n.rho * n.rho - y0) / (y1 - y0));
+            if spline > 0.0 { n.mass * kernel * exact / spline } else { 0.0 }
+        })
+        .sum();
+    (second - mass).max(0.0)
+}
