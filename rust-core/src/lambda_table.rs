@@ -4,7 +4,7 @@
 //! argument is found by a shift of its bits, and any power law is equally smooth in every octave, so the tails near
 //! 2pγ = 3 need no coordinate of their own. Each node holds H and H′ = −S; cells are cubic Hermite polynomials.
 
-use crate::masking::{Masking, masking};
+use crate::masking::{Masking, MaskingIntegral};
 use crate::profile::Profile;
 
 /// H tabulated in single precision.
@@ -25,8 +25,8 @@ const FINEST: u32 = 9;
 const OCTAVES: (i32, i32) = (-40, 60);
 /// The finest accuracy that single-precision nodes can hold.
 pub const FINEST_ACCURACY: f64 = 1e-7;
-/// The share of the permitted error that interpolation may use, as measured in the middle of each cell, where the
-/// error of a cubic Hermite cell peaks; the rest is left for rounding and for cells whose error peaks elsewhere.
+/// The share of the permitted error that interpolation may use, as measured at the quarter points of each cell; the
+/// rest is left for rounding and for errors that peak elsewhere.
 const SHARE: f64 = 0.5;
 
 struct Node {
@@ -38,12 +38,12 @@ struct Node {
 impl LambdaTable {
     /// The coarsest table whose G1 is within `accuracy` (relative) at every point measured.
     ///
-    /// Nodes are doubled until the error, measured in the middle of every cell, is below half the accuracy; the
-    /// midpoints are the next table's nodes, so no value is computed twice.
-    pub fn new(profile: &dyn Profile, accuracy: f64) -> Self {
+    /// Nodes are doubled until the error, measured at three points of every cell, is below half the accuracy; the
+    /// midpoints are the next table's nodes, so few values are computed twice.
+    pub fn new(profile: &dyn Profile, masking: &MaskingIntegral, accuracy: f64) -> Self {
         let permitted = SHARE * accuracy.max(FINEST_ACCURACY);
         let node = |a: f64| {
-            let Masking { h, s } = masking(profile, a);
+            let Masking { h, s } = masking.at(profile, a);
             Node { a, h, slope: -s }
         };
         let zero = node(0.0);
@@ -68,11 +68,17 @@ impl LambdaTable {
         let mut reached;
         loop {
             let middles: Vec<Node> = nodes.windows(2).map(|pair| node(0.5 * (pair[0].a + pair[1].a))).collect();
-            reached = nodes
-                .windows(2)
-                .zip(&middles)
-                .map(|(pair, middle)| error(&pair[0], &pair[1], middle))
-                .fold(0.0, f64::max);
+            let cells = || nodes.windows(2).zip(&middles);
+            reached = cells().map(|(pair, middle)| error(&pair[0], &pair[1], middle)).fold(0.0, f64::max);
+            if reached <= permitted {
+                // next to a cusp the error peaks beside the middle
+                let quarter = |t: f64| {
+                    cells()
+                        .map(|(pair, _)| error(&pair[0], &pair[1], &node(pair[0].a + t * (pair[1].a - pair[0].a))))
+                        .fold(0.0, f64::max)
+                };
+                reached = reached.max(quarter(0.25)).max(quarter(0.75));
+            }
             if reached <= permitted || bits == FINEST {
                 break;
             }
@@ -140,8 +146,9 @@ fn hermite((h0, s0): (f64, f64), (h1, s1): (f64, f64), width: f64, t: f64) -> f6
     rest * rest * (h0 * (1.0 + 2.0 * t) + s0 * width * t) + t * t * (h1 * (3.0 - 2.0 * t) - s1 * width * rest)
 }
 
-/// Relative error of G1 = a/(a+H) in the middle of a cell.
-fn error(left: &Node, right: &Node, middle: &Node) -> f64 {
-    let h = hermite((left.h, left.slope), (right.h, right.slope), right.a - left.a, 0.5);
-    (h - middle.h).abs() / (middle.a + middle.h)
+/// Relative error of G1 = a/(a+H) at a point within a cell.
+fn error(left: &Node, right: &Node, point: &Node) -> f64 {
+    let width = right.a - left.a;
+    let h = hermite((left.h, left.slope), (right.h, right.slope), width, (point.a - left.a) / width);
+    (h - point.h).abs() / (point.a + point.h)
 }

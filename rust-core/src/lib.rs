@@ -2,6 +2,7 @@
 pub mod azimuth;
 pub mod bridge;
 pub mod error;
+pub mod exponent;
 pub mod gamma_ratio;
 pub mod invert;
 pub mod lambda_table;

@@ -3,77 +3,276 @@
 //! `H(q) = (2A/π) ∫_q^∞ f(ρ) ρ [√(ρ²−q²) − q acos(q/ρ)] dρ`, `S(q) = −H′(q) = (2A/π) ∫_q^∞ f(ρ) ρ acos(q/ρ) dρ`,
 //! `Λ = H(a)/a`, `a = 1/(tan θ √(σx² cos²φ + σy² sin²φ))`, `G1 = a/(a + H(a))`.
 //!
-//! The double integral of Ribardière et al. 2019, Eq. 10, reduced to a single one.
+//! This is the double integral of Ribardière et al. 2019, Eq. 10, reduced to a single one.
+//!
+//! The quadrature has a fixed part and a moving part. The profile is sampled once, on Gauss panels that no cusp of
+//! f and no ρ = 0 comes closer to than half their width. For an argument q, panels beyond 4q enter through their
+//! moments (the kernel is a power series in q/ρ there), panels nearer than that through their nodes, and only
+//! the piece that starts at q, where the kernel begins like (ρ−q)^(3/2), samples the profile anew.
 
 use crate::profile::{Profile, Tail};
-use crate::quadrature::{gauss, tanh_sinh};
-use std::f64::consts::FRAC_2_PI;
+use crate::quadrature::gauss;
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
 /// `H(q)` and `S(q)` of one profile at one argument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Masking {
-    /// H(q), the expected height above a plane of slope q; Λ = H/q.
+    /// H(q), Λ = H/q.
     pub h: f64,
     /// S(q) = −H′(q), the share of directional slopes above q.
     pub s: f64,
 }
 
-/// Points of the Gauss rule on smooth panels: at depth steps of e^8, 20 points leave 1e-14.
-const SMOOTH_POINTS: usize = 24;
+/// How fine the quadrature is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rule {
+    /// Gauss points per panel.
+    points: usize,
+    /// How far below its peak, in units of ln, the profile is followed.
+    depth: f64,
+}
 
-/// `H(q)` and `S(q)` by quadrature, q ≥ 0; relative error below 1e-12.
-///
-/// Panels end at the profile's break points. The first one starts at the bracket's zero, `(ρ−q)^(3/2)`, and panels at a
-/// cusp start with a broken power: both get the tanh-sinh rule, all others a Gauss rule in ρ or ln ρ. What lies
-/// beyond the last break point of a power tail is added in closed form.
-pub fn masking(profile: &dyn Profile, q: f64) -> Masking {
-    let breaks = profile.breaks(q);
-    let cusps = profile.cusps();
-    let (mut h, mut s) = (0.0, 0.0);
-    // `past` = ρ − q without cancellation
-    let mut add = |rho: f64, past: f64, weight: f64| {
-        let mass = weight * profile.f(rho) * rho;
-        let (bracket, angle) = bracket(q, rho, past);
-        h += mass * bracket;
-        s += mass * angle;
+impl Rule {
+    /// Relative error of H below 1e-12 for every q, down to where f itself underflows.
+    pub const REFERENCE: Self = Self { points: 24, depth: 745.0 };
+    /// Relative error of a + H below 1e-9: for tables.
+    pub const TABLE: Self = Self { points: 12, depth: 50.0 };
+}
+
+/// Kernel terms in (q/ρ)²; with ρ > 4q the first one left out is 1e-17.
+const TERMS: usize = 12;
+/// Multiple of q from which a panel counts as far.
+const FAR: f64 = 4.0;
+/// Panels end this close to ρ = 0 and to cusps, in units of the roughness; what lies nearer weighs less than 1e-13.
+const FLOOR: f64 = 1e-10;
+
+/// The fixed part of the quadrature for one profile.
+#[derive(Debug, Clone)]
+pub struct MaskingIntegral {
+    panels: Vec<Panel>,
+    /// (ρ, weight · ρ · f), `points` per panel
+    nodes: Vec<(f64, f64)>,
+    points: usize,
+    factor: f64,
+    tail: Tail,
+    /// of everything beyond the last panel, in units of its right end
+    end: Moments,
+    zero: Masking,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Panel {
+    left: f64,
+    right: f64,
+    /// of everything from `left` on, in units of `left`
+    beyond: Moments,
+}
+
+/// `Σ mass (ρ/unit)^j` for j = 1, 0 and −1, −3, …
+#[derive(Debug, Clone, Copy, Default)]
+struct Moments {
+    first: f64,
+    zeroth: f64,
+    odd: [f64; TERMS],
+}
+
+impl Moments {
+    fn add(&mut self, ratio: f64, mass: f64) {
+        self.first += mass * ratio;
+        self.zeroth += mass;
+        let inverse = 1.0 / ratio;
+        let square = inverse * inverse;
+        let mut power = mass * inverse;
+        for odd in &mut self.odd {
+            *odd += power;
+            power *= square;
+        }
+    }
+
+    /// Adds moments whose unit is `ratio` times this one's.
+    fn add_scaled(&mut self, other: &Self, ratio: f64) {
+        self.first += other.first * ratio;
+        self.zeroth += other.zeroth;
+        let inverse = 1.0 / ratio;
+        let square = inverse * inverse;
+        let mut power = inverse;
+        for (mine, theirs) in self.odd.iter_mut().zip(&other.odd) {
+            *mine += theirs * power;
+            power *= square;
+        }
+    }
+}
+
+impl MaskingIntegral {
+    /// Samples a profile.
+    pub fn new(profile: &dyn Profile, rule: Rule) -> Self {
+        let edges = panel_edges(profile, rule.depth);
+        let gauss = gauss(rule.points);
+        let mut nodes = Vec::with_capacity(rule.points * edges.len());
+        for ends in edges.windows(2) {
+            let width = ends[1] - ends[0];
+            nodes.extend(gauss.nodes().iter().map(|&(t, weight)| {
+                let rho = ends[0] + t * width;
+                (rho, weight * width * rho * profile.f(rho))
+            }));
+        }
+        let last = edges.last().copied().unwrap_or(1.0);
+        // from the last edge R on: f(R) (ρ/R)^(−3−e)
+        let mut beyond = Moments::default();
+        let tail = profile.tail();
+        if let Tail::Power { excess, .. } = tail {
+            let mass = profile.f(last) * last * last;
+            beyond.first = mass / excess;
+            beyond.zeroth = mass / (1.0 + excess);
+            for (k, odd) in beyond.odd.iter_mut().enumerate() {
+                *odd = mass / (excess + 2.0 + 2.0 * k as f64);
+            }
+        }
+        let end = beyond;
+        let mut unit = last;
+        let mut panels: Vec<Panel> = Vec::with_capacity(edges.len());
+        for (ends, nodes) in edges.windows(2).zip(nodes.chunks(rule.points)).rev() {
+            let (left, right) = (ends[0], ends[1]);
+            // the first panel starts at 0 and is never far
+            let own = if left > 0.0 { left } else { right };
+            let mut sum = Moments::default();
+            sum.add_scaled(&beyond, unit / own);
+            for &(rho, mass) in nodes {
+                sum.add(rho / own, mass);
+            }
+            panels.push(Panel { left, right, beyond: sum });
+            (beyond, unit) = (sum, own);
+        }
+        panels.reverse();
+        let factor = profile.normalization() * FRAC_2_PI;
+        let zero = Masking { h: profile.mean() / std::f64::consts::PI, s: 0.5 };
+        Self { panels, nodes, points: rule.points, factor, tail, end, zero }
+    }
+
+    /// `H(q)` and `S(q)`, q ≥ 0, for the profile that was sampled.
+    pub fn at(&self, profile: &dyn Profile, q: f64) -> Masking {
+        let Some(last) = self.panels.last() else { return self.zero };
+        if q <= 0.0 {
+            return self.zero;
+        }
+        let from = last.right / FAR;
+        if let Tail::Power { excess, exact_from } = self.tail
+            && q >= from
+            && from >= exact_from
+        {
+            // self-similar
+            let Masking { h, s } = self.sum(profile, from);
+            let fall = (q / from).powf(-excess);
+            return Masking { h: h * fall, s: s * fall * (from / q) };
+        }
+        if q >= last.right {
+            return Masking { h: 0.0, s: 0.0 };
+        }
+        self.sum(profile, q)
+    }
+
+    fn sum(&self, profile: &dyn Profile, q: f64) -> Masking {
+        let here = self.panels.partition_point(|panel| panel.right <= q);
+        let mut next = here + 1;
+        let mut end = self.panels[here].right;
+        // a panel that starts close behind q sees the kernel's singularity: it is taken along
+        if let Some(panel) = self.panels.get(next)
+            && end - q < 0.5 * (panel.right - panel.left)
+        {
+            end = panel.right;
+            next += 1;
+        }
+        let (mut h, mut s) = (0.0, 0.0);
+        // ρ = q + w² makes the kernel's start a polynomial
+        let width = (end - q).sqrt();
+        for &(t, weight) in gauss(self.points).nodes() {
+            let w = t * width;
+            let past = w * w;
+            let rho = q + past;
+            let (bracket, angle) = bracket(q, rho, past);
+            let mass = 2.0 * weight * width * w * rho * profile.f(rho);
+            h += mass * bracket;
+            s += mass * angle;
+        }
+        let far = self.panels.partition_point(|panel| panel.left < FAR * q).max(next);
+        for &(rho, mass) in &self.nodes[next * self.points..far * self.points] {
+            let (bracket, angle) = bracket(q, rho, rho - q);
+            h += mass * bracket;
+            s += mass * angle;
+        }
+        if let Some(panel) = self.panels.get(far) {
+            let (far_h, far_s) = panel.beyond.kernel_sums(q / panel.left);
+            h += far_h * panel.left;
+            s += far_s;
+        } else if let Some(last) = self.panels.last() {
+            // all panels are near: what is left is the closed-form end of a power tail
+            let (tail_h, tail_s) = self.end.kernel_sums(q / last.right);
+            h += tail_h * last.right;
+            s += tail_s;
+        }
+        Masking { h: self.factor * h, s: self.factor * s }
+    }
+}
+
+impl Moments {
+    /// Sums of the kernels over masses beyond, for w = q/unit:
+    /// `√(1−w²) − w acos w = 1 − πw/2 + Σ a_k w^(2k+2)/(2k+2)`, `acos w = π/2 − Σ a_k w^(2k+1)`,
+    /// `a_k = (2k)!/(4^k k!² (2k+1))`.
+    fn kernel_sums(&self, w: f64) -> (f64, f64) {
+        let square = w * w;
+        let (mut h, mut s) = (self.first - FRAC_PI_2 * w * self.zeroth, FRAC_PI_2 * self.zeroth);
+        let mut binomial = 1.0;
+        let mut power = w;
+        for (k, &moment) in self.odd.iter().enumerate() {
+            let k = k as f64;
+            let term = binomial / (2.0 * k + 1.0) * power * moment;
+            s -= term;
+            h += term * w / (2.0 * k + 2.0);
+            binomial *= (2.0 * k + 1.0) / (2.0 * k + 2.0);
+            power *= square;
+        }
+        (h, s)
+    }
+}
+
+/// Edges of panels: the profile's break points, refined until no panel is wider than twice its distance from ρ = 0
+/// and from the cusps.
+fn panel_edges(profile: &dyn Profile, depth: f64) -> Vec<f64> {
+    let breaks = profile.breaks(depth);
+    let singular = |x: f64| x == 0.0 || profile.cusps().contains(&x);
+    let distance = |left: f64, right: f64| {
+        profile.cusps().iter().chain(&[0.0]).fold((f64::INFINITY, 0.0), |best, &z| {
+            let d = if z <= left { left - z } else { z - right };
+            if d < best.0 { (d, z) } else { best }
+        })
     };
-    let mut left = q;
-    for (index, &right) in breaks.iter().enumerate() {
+    let mut edges = vec![0.0];
+    // a stack of intervals, the leftmost on top
+    let mut stack: Vec<(f64, f64)> = breaks
+        .iter()
+        .rev()
+        .zip(breaks.iter().rev().skip(1).chain(&[0.0]))
+        .map(|(&right, &left)| (left, right))
+        .collect();
+    while let Some((left, right)) = stack.pop() {
         let width = right - left;
-        let cusp = cusps.iter().any(|&c| c == left || c == right);
-        if index == 0 || cusp {
-            for &(from_left, from_right, weight) in tanh_sinh() {
-                let rho = if from_left < 0.5 { left + from_left * width } else { right - from_right * width };
-                let past = if index == 0 { from_left * width } else { rho - q };
-                add(rho, past, weight * width);
+        let (nearest, z) = distance(left, right);
+        let too_wide = width > 2.0 * nearest && width > FLOOR;
+        let cut = match (singular(left), singular(right)) {
+            _ if !too_wide => None,
+            (true, true) => Some(0.5 * (left + right)),
+            _ if z <= left => Some(z + (nearest + width / 3.0).min(3.0 * nearest.max(width / 9.0))),
+            _ => Some(z - (nearest + width / 3.0).min(3.0 * nearest.max(width / 9.0))),
+        };
+        match cut {
+            Some(cut) if cut > left && cut < right => {
+                stack.push((cut, right));
+                stack.push((left, cut));
             }
-        } else if right > 2.0 * left {
-            let log = (right / left).ln();
-            for &(t, weight) in gauss(SMOOTH_POINTS).nodes() {
-                let rho = left * (t * log).exp();
-                add(rho, rho - q, weight * log * rho);
-            }
-        } else {
-            for &(t, weight) in gauss(SMOOTH_POINTS).nodes() {
-                let rho = left + t * width;
-                add(rho, rho - q, weight * width);
-            }
-        }
-        left = right;
-    }
-    if let Tail::Power { excess } = profile.tail() {
-        // ∫_R^∞ f(R) (ρ/R)^(−3−e) ρ [ρ − πq/2 + q²/(2ρ)] dρ, and with acos(q/ρ) = π/2 − q/ρ
-        let mass = profile.f(left) * left;
-        if mass > 0.0 {
-            let w = q / left;
-            let half_pi = std::f64::consts::FRAC_PI_2;
-            let (i0, i1, i2) = (1.0 / excess, 1.0 / (1.0 + excess), 1.0 / (2.0 + excess));
-            h += mass * left * left * (i0 - half_pi * w * i1 + 0.5 * w * w * i2);
-            s += mass * left * (half_pi * i1 - w * i2);
+            _ => edges.push(right),
         }
     }
-    let factor = profile.normalization() * FRAC_2_PI;
-    Masking { h: factor * h, s: factor * s }
+    edges
 }
 
 /// `√(ρ²−q²) − q acos(q/ρ)` and `acos(q/ρ)`, with `past = ρ − q`.

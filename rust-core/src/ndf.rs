@@ -6,7 +6,7 @@
 use crate::azimuth::Azimuth;
 use crate::error::{ParameterError, require};
 use crate::lambda_table::LambdaTable;
-use crate::masking::masking;
+use crate::masking::{MaskingIntegral, Rule};
 use crate::profile::Profile;
 use crate::visible_table::VisibleTable;
 use glam::DVec3;
@@ -67,6 +67,8 @@ pub struct Ndf {
     profile: Box<dyn Profile>,
     lambda_table: LambdaTable,
     visible_table: VisibleTable,
+    /// present at accuracy 0
+    quadrature: Option<MaskingIntegral>,
     accuracy: f64,
 }
 
@@ -99,9 +101,12 @@ impl Ndf {
             "between 0 and 0.1",
             "it is the permitted relative error of G1; 0 asks for quadrature on every call",
         )?;
-        let lambda_table = LambdaTable::new(profile.as_ref(), accuracy);
-        let visible_table = VisibleTable::new(profile.as_ref());
-        Ok(Self { profile, lambda_table, visible_table, accuracy })
+        let rule = if accuracy == 0.0 { Rule::REFERENCE } else { Rule::TABLE };
+        let masking = MaskingIntegral::new(profile.as_ref(), rule);
+        let lambda_table = LambdaTable::new(profile.as_ref(), &masking, accuracy);
+        let visible_table = VisibleTable::new(profile.as_ref(), &masking);
+        let quadrature = (accuracy == 0.0).then_some(masking);
+        Ok(Self { profile, lambda_table, visible_table, quadrature, accuracy })
     }
 
     /// The radial profile.
@@ -142,10 +147,9 @@ impl Ndf {
             return 0.0;
         }
         let a = w.z / across;
-        let h = if self.accuracy == 0.0 {
-            masking(self.profile.as_ref(), a.min(f64::MAX)).h
-        } else {
-            self.lambda_table.h(a)
+        let h = match &self.quadrature {
+            Some(masking) => masking.at(self.profile.as_ref(), a).h,
+            None => self.lambda_table.h(a),
         };
         finite(h / a)
     }

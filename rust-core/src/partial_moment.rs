@@ -7,6 +7,7 @@
 //! Everything is written as prefix `R^k g(R)` times a ratio of order one, so that tails of 1e-290 keep all
 //! their digits; the complement comes from its own expansion, never from `1 − J`.
 
+use crate::exponent::Exponent;
 use crate::gamma_ratio::{gamma, scaled_gamma_ratio};
 
 /// A radius with its rounding error, so that steep profiles keep their digits: the value is `hi + lo`.
@@ -44,8 +45,12 @@ impl Radius {
 pub struct Side {
     gamma: f64,
     two_p: f64,
+    kurtosis: Exponent,
+    tail: Exponent,
 }
 
+/// Beyond this, powers of 1 + y up to γ = 16 overflow.
+const LARGEST_BASE: f64 = 1e18;
 /// Terms after which a series or continued fraction has long converged; the slowest (z = 0.9) needs 340.
 const CAP: usize = 2000;
 /// Up to here the power series of the lower function is used where the continued fraction does not converge.
@@ -54,18 +59,19 @@ const LOWER_SERIES_MAX: f64 = 0.9;
 impl Side {
     /// γ (infinity allowed) and p of a validated shape.
     pub fn new(gamma: f64, p: f64) -> Self {
-        Self { gamma, two_p: 2.0 * p }
+        Self { gamma, two_p: 2.0 * p, kurtosis: Exponent::new(2.0 * p), tail: Exponent::new(gamma) }
     }
 
     /// `g(r)` for `r ≥ 0`.
     ///
     /// Relative error below 1e-13 down to 1e-290: every rounding that the exponents γ and 2p would amplify is
     /// carried along to first order.
+    #[inline]
     pub fn g(&self, Radius { hi, lo }: Radius) -> f64 {
         if hi <= 0.0 {
             return 1.0;
         }
-        let power = hi.powf(self.two_p);
+        let power = self.kurtosis.of(hi);
         let relative = self.two_p * (lo / hi);
         if self.gamma.is_infinite() {
             // (lo/hi) is 1e-16 at most, but r^(2p) may be infinite.
@@ -74,14 +80,17 @@ impl Side {
         }
         let less = self.gamma - 1.0;
         let y = power / less;
-        if y.is_infinite() {
-            // log g = −γ (2p ln r − ln(γ−1)); reached only beyond r = 1e308^(1/2p).
+        if y > LARGEST_BASE {
+            // log g = −γ (2p ln r − ln(γ−1)), where r^(2p) is too large to be multiplied out.
             return (-self.gamma * (self.two_p * hi.ln() - less.ln())).exp();
         }
         let y_lo = y.mul_add(-less, power) / less + y * relative;
         let base = 1.0 + y;
         let base_lo = if y < 1.0 { y - (base - 1.0) } else { 1.0 - (base - y) } + y_lo;
-        base.powf(-self.gamma) * (-self.gamma * (base_lo / base)).exp()
+        let correction = -self.gamma * (base_lo / base);
+        // γ may be 10¹²: the correction is then 1e-4 and needs its second order too
+        let correction = if correction.abs() < 1e-9 { 1.0 + correction } else { correction.exp() };
+        correction / self.tail.of(base)
     }
 
     /// −ln g(r): how far below its peak the profile is.

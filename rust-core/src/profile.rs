@@ -8,8 +8,10 @@
 pub enum Tail {
     /// Faster than any power: nothing is left beyond the last break point.
     Exponential,
-    /// `f(x) ∝ x^(−3−excess)` to double precision from the last break point on.
+    /// `f(x) ∝ x^(−3−excess)` to double precision from `exact_from` on.
     Power {
+        /// Where the power law has become exact.
+        exact_from: f64,
         /// By how much the exponent exceeds 3, the least for which masking is finite.
         excess: f64,
     },
@@ -33,10 +35,10 @@ pub trait Profile: Send + Sync {
     fn isf(&self, u: f64) -> f64;
     /// `2A ∫₀^∞ x² f(x) dx`, the mean slope.
     fn mean(&self) -> f64;
-    /// Points right of `from`, ascending, between which f is smooth and falls or rises by a factor of e^20 at the
-    /// most. They end where the rest can be neglected against what lies right of `from`, or where the power tail
-    /// has become exact and 10⁵ `from` is reached. Cusps of f are among them.
-    fn breaks(&self, from: f64) -> Vec<f64>;
+    /// Points of (0, ∞), ascending, between which ln f changes by about 10 at the most and f is smooth. They end
+    /// where f, times x³, has fallen by e^−depth below its peak, or well into the part of a power tail that is exact; cusps of
+    /// f are among them.
+    fn breaks(&self, depth: f64) -> Vec<f64>;
     /// Points where f is not smooth.
     fn cusps(&self) -> &[f64];
     /// How it ends.

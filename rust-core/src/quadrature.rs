@@ -1,4 +1,4 @@
-//! Gauss–Legendre rules for smooth panels and the tanh-sinh rule for panels with an algebraic end.
+//! Gauss–Legendre rules for smooth panels.
 
 use std::sync::OnceLock;
 
@@ -48,26 +48,4 @@ impl Gauss {
     pub fn integrate(&self, a: f64, b: f64, mut f: impl FnMut(f64) -> f64) -> f64 {
         (b - a) * self.nodes.iter().map(|&(t, w)| w * f(a + t * (b - a))).sum::<f64>()
     }
-}
-
-/// Spacing of the tanh-sinh rule; at 1/10 an algebraic end costs 1e-15, at 1/6 it costs 1e-9.
-const SPACING: f64 = 0.08;
-/// Reach of the tanh-sinh rule: the outermost node is 1e-30 from the end.
-const REACH: f64 = 3.76;
-
-/// Nodes of the tanh-sinh rule on (0, 1): distance to the left end, distance to the right end, weight.
-pub fn tanh_sinh() -> &'static [(f64, f64, f64)] {
-    static RULE: OnceLock<Vec<(f64, f64, f64)>> = OnceLock::new();
-    RULE.get_or_init(|| {
-        let count = (REACH / SPACING) as i32;
-        (-count..=count)
-            .map(|k| {
-                let t = f64::from(k) * SPACING;
-                let s = std::f64::consts::PI * t.sinh();
-                // 1/(1+e^∓s): both distances with full relative accuracy
-                let (left, right) = (1.0 / (1.0 + (-s).exp()), 1.0 / (1.0 + s.exp()));
-                (left, right, SPACING * std::f64::consts::PI * t.cosh() * left * right)
-            })
-            .collect()
-    })
 }

@@ -20,17 +20,15 @@ pub struct SkewedT {
     mean: f64,
     cusps: Vec<f64>,
     tail: Tail,
-    tail_from: f64,
 }
 
 /// Log-depth between break points.
-const STEP: f64 = 8.0;
-/// Depth below the peak, in units of ln, at which what is left no longer counts: e^−44 = 8e-20.
-const NEGLIGIBLE: f64 = 44.0;
+const STEP: f64 = 6.0;
 
-/// Multiple of the start at which a power tail is called reached: kernels in q/ρ are two-term series there to 1e-10,
-/// three-term to 1e-15.
-const FAR: f64 = 1e5;
+/// Break points go on this far into the part of a power tail that is exact.
+const POWER_SPAN: f64 = 8.0;
+/// Where a profile ends at the latest, so that its third moment stays finite.
+const X_MAX: f64 = 1e100;
 
 impl SkewedT {
     /// Builds the profile; all constants are closed forms.
@@ -49,16 +47,16 @@ impl SkewedT {
         // A cusp is where |x−m|^(2p) is not analytic, or where the two widths meet.
         let smooth = shape.lambda() == 0.0 && shape.p().fract() == 0.0;
         let cusps = if m > 0.0 && !smooth { vec![m] } else { Vec::new() };
-        let (tail, tail_from) = if shape.gamma().is_finite() {
+        let tail = if shape.gamma().is_finite() {
             let exponent = two_p * shape.gamma();
             // f = c x^(−e) (1 + O(γ² r^(−2p)) + O(e m/x)): both corrections below 1e-17
             let by_power = (1e17 * shape.gamma() * shape.gamma()).powf(1.0 / two_p);
             let by_shift = 1e17 * exponent * (m + 1e-300);
-            (Tail::Power { excess: two_p.mul_add(shape.gamma(), -3.0) }, wide * by_power.max(by_shift))
+            Tail::Power { excess: two_p.mul_add(shape.gamma(), -3.0), exact_from: wide * by_power.max(by_shift) }
         } else {
-            (Tail::Exponential, f64::INFINITY)
+            Tail::Exponential
         };
-        Self { shape, side, normalization, outer, inner, mean: 2.0 * normalization * second, cusps, tail, tail_from }
+        Self { shape, side, normalization, outer, inner, mean: 2.0 * normalization * second, cusps, tail }
     }
 
     /// The parameters.
@@ -154,43 +152,34 @@ impl Profile for SkewedT {
         self.mean
     }
 
-    fn breaks(&self, from: f64) -> Vec<f64> {
+    fn breaks(&self, depth: f64) -> Vec<f64> {
         let m = self.shape.shift();
-        let mut points = Vec::with_capacity(32);
-        let mut start = 0.0;
-        if from < m {
-            // towards the rim: depth falls from that of `from` to 0
-            let narrow = 1.0 - self.shape.lambda();
-            let r = (m - from) / narrow;
-            let mut levels: Vec<f64> = depths(0.0)
-                .take_while(|&d| d < NEGLIGIBLE + STEP)
-                .map(|d| self.side.radius_at_depth(d))
-                .take_while(|&level| level < r * 0.999)
-                .collect();
-            levels.reverse();
-            points.extend(levels.into_iter().map(|level| m - narrow * level).filter(|&x| x > from));
+        let (narrow, wide) = (1.0 - self.shape.lambda(), 1.0 + self.shape.lambda());
+        let mut points: Vec<f64> = depths()
+            .take_while(|&d| d < depth + STEP)
+            .map(|d| m - narrow * self.side.radius_at_depth(d))
+            .take_while(|&x| x > 0.0)
+            .collect();
+        points.reverse();
+        if m > 0.0 {
             points.push(m);
-        } else {
-            start = self.radius(from).hi;
         }
-        let wide = 1.0 + self.shape.lambda();
-        let start_depth = self.side.depth(start);
-        let reference = m + wide * start.max(self.side.radius_at_depth(1.0));
-        for depth in depths(start_depth) {
-            let x = m + wide * self.side.radius_at_depth(depth);
-            let last = points.last().copied().unwrap_or(from);
-            if x <= last {
+        let exact_from = match self.tail {
+            Tail::Power { exact_from, .. } => exact_from,
+            Tail::Exponential => f64::INFINITY,
+        };
+        let reference = m + wide * self.side.radius_at_depth(1.0);
+        for level in depths() {
+            let x = m + wide * self.side.radius_at_depth(level);
+            if points.last().is_some_and(|&last| x <= last) {
                 continue;
             }
             points.push(x);
-            if x >= self.tail_from.max(FAR * from) {
-                break;
-            }
-            // weighed with x³, the fastest growing factor of any integrand here
-            if depth - start_depth - 3.0 * (x / reference).ln() > NEGLIGIBLE || !x.is_finite() {
+            if x >= POWER_SPAN * exact_from || level - 3.0 * (x / reference).max(1.0).ln() > depth || x > X_MAX {
                 break;
             }
         }
+        points.dedup();
         points
     }
 
@@ -210,8 +199,8 @@ impl SkewedT {
     }
 }
 
-/// Depths at which panels end: finer near the peak, where the profile changes its form.
-fn depths(start: f64) -> impl Iterator<Item = f64> {
-    const NEAR: [f64; 5] = [0.05, 1.0, 4.0, 9.0, 16.0];
-    NEAR.into_iter().chain((1..).map(|k| 16.0 + STEP * f64::from(k))).map(move |d| start + d).take(4000)
+/// Depths at which panels end: finer near the peak, where a box bends and a cusp begins.
+fn depths() -> impl Iterator<Item = f64> {
+    const NEAR: [f64; 9] = [1e-14, 1e-9, 1e-5, 1e-2, 0.2, 1.0, 3.0, 7.0, 12.0];
+    NEAR.into_iter().chain((1..4000).map(|k| 12.0 + STEP * f64::from(k)))
 }

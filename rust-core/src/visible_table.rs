@@ -2,13 +2,15 @@
 //!
 //! In stretched slopes the visible slopes seen under `a = cot θ` have the radial density
 //! `n(ρ; a) = (2A/π) f(ρ) ρ [π a + k(ρ, a)]`, `k = √(ρ²−a²) − a acos(a/ρ)` for ρ > a and 0 below,
-//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the cumulative mass `C` and the density
-//! `g = dC/dy` of `n/(a + b)`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
+//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the mass `C` above y and the density
+//! `g = −dC/dy` of `n/(a + b)`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
 //! the knot values and slopes of one monotone rational-quadratic spline (Gregory & Delbourgo 1982), which has a
 //! closed-form inverse. The spline *is* the sampling density, so its error costs variance and never bias.
 //!
-//! At ρ² rather than ρ the density at the normal itself is neither 0 nor ∞.
+//! At ρ² rather than ρ the density at the normal itself is neither 0 nor ∞. Masses are counted from above because tails need
+//! relative accuracy in single precision, and because 1 − u is exact for a single-precision u.
 
+use crate::masking::MaskingIntegral;
 use crate::profile::Profile;
 use crate::quadrature::{Gauss, gauss};
 use std::f64::consts::PI;
@@ -23,7 +25,10 @@ pub const FIRST_PAIR: usize = (CELLS + 2) / 2;
 /// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
 const SLOPE_CAP: f64 = 1e9;
 
-/// Knots, cumulative masses and densities, in single precision as renderers read them.
+/// Depth to which knots are placed: e^−40 of the peak.
+const PLACING_DEPTH: f64 = 40.0;
+
+/// Knots, masses above them and densities, in single precision as renderers read them.
 #[derive(Debug, Clone)]
 pub struct VisibleTable {
     flat: Vec<f32>,
@@ -35,7 +40,8 @@ pub struct VisibleTable {
 struct Cell {
     y: f64,
     width: f64,
-    below: f64,
+    /// mass above its left end
+    above: f64,
     mass: f64,
     /// densities at both ends, in units of mass/width
     ends: (f64, f64),
@@ -50,7 +56,7 @@ pub struct Mixture {
 
 impl VisibleTable {
     /// Tabulates a profile.
-    pub fn new(profile: &dyn Profile) -> Self {
+    pub fn new(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
         let scale = row_scale(profile);
         let knots = place_knots(profile, scale);
         let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + ROWS * (CELLS + 1)));
@@ -64,19 +70,24 @@ impl VisibleTable {
         for row in 0..ROWS {
             let position = row as f64 / (ROWS - 1) as f64;
             let view = View { position, scale };
-            let mut below = 0.0;
-            for (j, &rho) in knots.iter().enumerate() {
-                flat.extend([below as f32, (factor * profile.f(rho) * view.kernel(rho)) as f32]);
-                if j < cells.len() {
-                    below += cells[j].iter().map(|node| 2.0 * factor * node.mass * view.kernel(node.rho)).sum::<f64>();
-                }
-            }
             // the lost cell: what lies beyond the last finite knot
+            let masses: Vec<f64> = cells
+                .iter()
+                .map(|cell| cell.iter().map(|node| 2.0 * factor * node.mass * view.kernel(node.rho)).sum())
+                .collect();
             let total = match view.cotangent() {
-                Some(a) => (a + crate::masking::masking(profile, a).h) / (a + scale),
+                Some(a) => (a + masking.at(profile, a).h) / (a + scale),
                 None => 1.0,
             };
-            flat.extend([total.max(below) as f32, 0.0]);
+            let lost = (total - masses.iter().sum::<f64>()).max(0.0);
+            let mut above = vec![lost; CELLS];
+            for j in (0..CELLS - 1).rev() {
+                above[j] = above[j + 1] + masses[j];
+            }
+            for (&rho, &above) in knots.iter().zip(&above) {
+                flat.extend([above as f32, (factor * profile.f(rho) * view.kernel(rho)) as f32]);
+            }
+            flat.extend([0.0, 0.0]);
         }
         Self { flat, scale }
     }
@@ -118,20 +129,20 @@ impl VisibleTable {
 
     fn cell(&self, mixture: Mixture, j: usize) -> Cell {
         let ((c0, g0), (c1, g1)) = (self.pair(mixture, j), self.pair(mixture, j + 1));
-        let (y, mass) = (self.knot(j), c1 - c0);
+        let (y, mass) = (self.knot(j), c0 - c1);
         let width = self.knot(j + 1) - y;
         let unit = if mass > 0.0 { width / mass } else { 0.0 };
-        Cell { y, width, below: c0, mass, ends: (g0 * unit, g1 * unit) }
+        Cell { y, width, above: c0, mass, ends: (g0 * unit, g1 * unit) }
     }
 
     /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
     pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
-        let total = self.pair(mixture, CELLS).0;
-        let target = u * total;
+        let total = self.pair(mixture, 0).0;
+        let target = (1.0 - u) * total;
         let (mut low, mut high) = (0, CELLS);
         while high - low > 1 {
             let middle = (low + high) / 2;
-            if self.pair(mixture, middle).0 <= target { low = middle } else { high = middle }
+            if self.pair(mixture, middle).0 >= target { low = middle } else { high = middle }
         }
         if low == CELLS - 1 {
             return None;
@@ -140,7 +151,7 @@ impl VisibleTable {
         if cell.mass <= 0.0 {
             return None;
         }
-        let q = ((target - cell.below) / cell.mass).clamp(0.0, 1.0);
+        let q = ((cell.above - target) / cell.mass).clamp(0.0, 1.0);
         let (d0, d1) = cell.ends;
         let k = d0 + d1 - 2.0;
         let b = d0 - q * k;
@@ -160,7 +171,7 @@ impl VisibleTable {
             return 0.0;
         }
         let cell = self.cell(mixture, low);
-        cell.density((y - cell.y) / cell.width) / self.pair(mixture, CELLS).0
+        cell.density((y - cell.y) / cell.width) / self.pair(mixture, 0).0
     }
 }
 
@@ -225,6 +236,9 @@ fn row_scale(profile: &dyn Profile) -> f64 {
     profile.mean() / PI
 }
 
+/// Cells below the mode with a smaller share than this would drown in the rounding of the masses above them.
+const LEAST_MASS: f64 = 2e-6;
+
 /// A cell while knots are being placed.
 struct Draft {
     left: f64,
@@ -238,23 +252,31 @@ struct Draft {
 fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
     let rule = gauss(12);
     let probes = [0.0, 0.5, 1.0].map(|position| View { position, scale });
-    let mut ends: Vec<f64> = profile.breaks(0.0).into_iter().filter(|&x| x < SLOPE_CAP).collect();
+    let mut ends: Vec<f64> = profile.breaks(PLACING_DEPTH).into_iter().filter(|&x| x < SLOPE_CAP).collect();
     ends.insert(0, 0.0);
     if let crate::profile::Tail::Power { .. } = profile.tail() {
         ends.push(SLOPE_CAP);
     }
+    let drafts: Vec<Draft> = ends
+        .windows(2)
+        .map(|pair| Draft { left: pair[0], right: pair[1], nodes: nodes(profile, rule, pair[0], pair[1]), excess: 0.0 })
+        .collect();
     // totals per probe, so that excesses are shares of the whole
-    let mut drafts: Vec<Draft> = Vec::with_capacity(CELLS);
-    for pair in ends.windows(2) {
-        drafts.push(Draft {
-            left: pair[0],
-            right: pair[1],
-            nodes: nodes(profile, rule, pair[0], pair[1]),
-            excess: 0.0,
-        });
+    let masses =
+        |draft: &Draft| probes.map(|probe| draft.nodes.iter().map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
+    let totals = drafts.iter().map(masses).fold([0.0; 3], |sum, m| [sum[0] + m[0], sum[1] + m[1], sum[2] + m[2]]);
+    // Break points that were set for quadrature lie too close for knots: cells begin with a share worth halving.
+    let mut merged: Vec<Draft> = Vec::with_capacity(CELLS);
+    for draft in drafts {
+        match merged.last_mut() {
+            Some(last) if light(last, &masses, &totals) || light(&draft, &masses, &totals) => {
+                last.right = draft.right;
+                last.nodes = nodes(profile, rule, last.left, last.right);
+            }
+            _ => merged.push(draft),
+        }
     }
-    let totals =
-        probes.map(|probe| drafts.iter().flat_map(|d| &d.nodes).map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
+    let mut drafts = merged;
     let measure = |draft: &mut Draft| {
         draft.excess =
             probes.iter().zip(totals).map(|(probe, total)| excess(profile, draft, probe) / total).fold(0.0, f64::max);
@@ -266,19 +288,20 @@ fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
         };
         let draft = &drafts[worst];
         let middle = draft.middle();
+        let halves = [(draft.left, middle), (middle, draft.right)];
+        if draft.excess < 0.0 {
+            break;
+        }
         if !(middle > draft.left && middle < draft.right) {
             drafts[worst].excess = -1.0;
-            if drafts.iter().all(|d| d.excess < 0.0) {
-                break;
-            }
             continue;
         }
-        let mut pair = [(draft.left, middle), (middle, draft.right)].map(|(left, right)| Draft {
-            left,
-            right,
-            nodes: nodes(profile, rule, left, right),
-            excess: 0.0,
-        });
+        let mut pair =
+            halves.map(|(left, right)| Draft { left, right, nodes: nodes(profile, rule, left, right), excess: 0.0 });
+        if pair.iter().any(|half| masses(half).iter().zip(&totals).all(|(mass, total)| *mass < LEAST_MASS * total)) {
+            drafts[worst].excess = -1.0;
+            continue;
+        }
         pair.iter_mut().for_each(measure);
         drafts.splice(worst..=worst, pair);
     }
@@ -290,6 +313,11 @@ fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
         knots.push(last * 1.0625);
     }
     knots
+}
+
+/// Whether a cell has so little mass in every probe that it does not deserve its own knot.
+fn light(draft: &Draft, masses: &impl Fn(&Draft) -> [f64; 3], totals: &[f64; 3]) -> bool {
+    masses(draft).iter().zip(totals).all(|(mass, total)| *mass < 1e-3 * total)
 }
 
 impl Draft {
@@ -317,7 +345,7 @@ fn excess(profile: &dyn Profile, draft: &Draft, view: &View) -> f64 {
     let (y0, y1) = (draft.left * draft.left, draft.right * draft.right);
     // densities per dy are half those per ρ dρ
     let end = |rho: f64| 0.5 * profile.f(rho) * view.kernel(rho) * (y1 - y0) / mass;
-    let cell = Cell { y: y0, width: y1 - y0, below: 0.0, mass, ends: (end(draft.left), end(draft.right)) };
+    let cell = Cell { y: y0, width: y1 - y0, above: mass, mass, ends: (end(draft.left), end(draft.right)) };
     let second: f64 = draft
         .nodes
         .iter()
