@@ -12,7 +12,7 @@
 
 use crate::masking::MaskingIntegral;
 use crate::profile::Profile;
-use crate::quadrature::{Gauss, gauss};
+use crate::quadrature::gauss;
 use std::f64::consts::PI;
 
 /// Number of cells in ρ².
@@ -25,6 +25,8 @@ pub const FIRST_PAIR: usize = (CELLS + 2) / 2;
 /// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
 const SLOPE_CAP: f64 = 1e9;
 
+/// Gauss points per piece: masses need no more than single precision.
+const POINTS: usize = 12;
 /// Depth to which knots are placed: e^−40 of the peak.
 const PLACING_DEPTH: f64 = 40.0;
 
@@ -58,14 +60,14 @@ impl VisibleTable {
     /// Tabulates a profile.
     pub fn new(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
         let scale = row_scale(profile);
-        let knots = place_knots(profile, scale);
+        let breaks = profile.breaks(PLACING_DEPTH);
+        let knots = place_knots(profile, &breaks, scale);
         let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + ROWS * (CELLS + 1)));
         flat.extend(knots.iter().map(|&rho| (rho * rho) as f32));
         flat.push(f32::INFINITY);
         flat.push(0.0);
-        let rule = gauss(12);
         // nodes and profile are shared by all rows
-        let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, rule, ends[0], ends[1])).collect();
+        let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, &breaks, ends[0], ends[1])).collect();
         let factor = profile.normalization() / PI;
         for row in 0..ROWS {
             let position = row as f64 / (ROWS - 1) as f64;
@@ -214,21 +216,29 @@ struct Node {
     mass: f64,
 }
 
-fn nodes(profile: &dyn Profile, rule: &Gauss, left: f64, right: f64) -> Vec<Node> {
-    let log = right > 2.0 * left && left > 0.0;
-    rule.nodes()
-        .iter()
-        .map(|&(t, weight)| {
-            let (rho, weight) = if log {
-                let ratio = (right / left).ln();
-                let rho = left * (t * ratio).exp();
-                (rho, weight * ratio * rho)
+/// Gauss nodes between `left` and `right`, on pieces that end at the profile's break points.
+fn nodes(profile: &dyn Profile, breaks: &[f64], left: f64, right: f64) -> Vec<Node> {
+    let rule = gauss(POINTS);
+    let first = breaks.partition_point(|&x| x <= left);
+    let last = breaks.partition_point(|&x| x < right);
+    let inside = breaks[first..last].iter().copied();
+    let mut start = left;
+    let mut nodes = Vec::with_capacity(POINTS * (1 + last - first));
+    for end in inside.chain([right]) {
+        // power tails are smooth in ln ρ
+        let log = if end > 2.0 * start && start > 0.0 { (end / start).ln() } else { 0.0 };
+        nodes.extend(rule.nodes().iter().map(|&(t, weight)| {
+            let (rho, weight) = if log > 0.0 {
+                let rho = start * (t * log).exp();
+                (rho, weight * log * rho)
             } else {
-                (left + t * (right - left), weight * (right - left))
+                (start + t * (end - start), weight * (end - start))
             };
             Node { rho, mass: weight * rho * profile.f(rho) }
-        })
-        .collect()
+        }));
+        start = end;
+    }
+    nodes
 }
 
 /// b: the slope at which masking changes its regime.
@@ -249,17 +259,21 @@ struct Draft {
 
 /// Places the 64 finite knots where they lower E[w²] most: the cell with the greatest excess is halved (by mass)
 /// until all are spent.
-fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
-    let rule = gauss(12);
+fn place_knots(profile: &dyn Profile, breaks: &[f64], scale: f64) -> Vec<f64> {
     let probes = [0.0, 0.5, 1.0].map(|position| View { position, scale });
-    let mut ends: Vec<f64> = profile.breaks(PLACING_DEPTH).into_iter().filter(|&x| x < SLOPE_CAP).collect();
+    let mut ends: Vec<f64> = breaks.iter().copied().filter(|&x| x < SLOPE_CAP).collect();
     ends.insert(0, 0.0);
     if let crate::profile::Tail::Power { .. } = profile.tail() {
         ends.push(SLOPE_CAP);
     }
     let drafts: Vec<Draft> = ends
         .windows(2)
-        .map(|pair| Draft { left: pair[0], right: pair[1], nodes: nodes(profile, rule, pair[0], pair[1]), excess: 0.0 })
+        .map(|pair| Draft {
+            left: pair[0],
+            right: pair[1],
+            nodes: nodes(profile, breaks, pair[0], pair[1]),
+            excess: 0.0,
+        })
         .collect();
     // totals per probe, so that excesses are shares of the whole
     let masses =
@@ -271,7 +285,7 @@ fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
         match merged.last_mut() {
             Some(last) if light(last, &masses, &totals) || light(&draft, &masses, &totals) => {
                 last.right = draft.right;
-                last.nodes = nodes(profile, rule, last.left, last.right);
+                last.nodes = nodes(profile, breaks, last.left, last.right);
             }
             _ => merged.push(draft),
         }
@@ -297,7 +311,7 @@ fn place_knots(profile: &dyn Profile, scale: f64) -> Vec<f64> {
             continue;
         }
         let mut pair =
-            halves.map(|(left, right)| Draft { left, right, nodes: nodes(profile, rule, left, right), excess: 0.0 });
+            halves.map(|(left, right)| Draft { left, right, nodes: nodes(profile, breaks, left, right), excess: 0.0 });
         if pair.iter().any(|half| masses(half).iter().zip(&totals).all(|(mass, total)| *mass < LEAST_MASS * total)) {
             drafts[worst].excess = -1.0;
             continue;
