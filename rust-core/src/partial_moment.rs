@@ -101,7 +101,13 @@ impl Side {
 
     /// Inverse of [`Side::depth`].
     pub fn radius_at_depth(&self, depth: f64) -> f64 {
-        let u = if self.gamma.is_infinite() { depth } else { (self.gamma - 1.0) * (depth / self.gamma).exp_m1() };
+        let u = if self.gamma.is_infinite() {
+            depth
+        } else if depth < 700.0 * self.gamma {
+            (self.gamma - 1.0) * (depth / self.gamma).exp_m1()
+        } else {
+            return ((depth / self.gamma + (self.gamma - 1.0).ln()) / self.two_p).exp();
+        };
         u.powf(1.0 / self.two_p)
     }
 

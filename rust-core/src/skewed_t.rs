@@ -90,7 +90,12 @@ impl SkewedT {
     /// `∫₀^x t f dt` for x ≤ m.
     fn inner_below(&self, x: f64) -> f64 {
         let m = self.shape.shift();
-        // T(r) = m J₁ᶜ(r) − c J₂ᶜ(r): the integral is T(r(x)) − T(r(0)), which cancels for x near 0.
+        // The whole less what lies above x: cancels for small x.
+        let difference = self.inner - self.inner_above(x);
+        if difference > CANCELS * self.inner {
+            return difference;
+        }
+        // T(r) = m J₁ᶜ(r) − c J₂ᶜ(r), the integral from −∞ on: cancels where much of it lies below 0.
         let narrow = 1.0 - self.shape.lambda();
         let rest = |r: Radius| m * self.side.upper(1, r) - narrow * self.side.upper(2, r);
         let at_zero = rest(self.radius(0.0));
@@ -98,13 +103,12 @@ impl SkewedT {
         if difference > CANCELS * narrow * at_zero.abs() {
             return difference;
         }
-        // Here f varies by less than a factor of e over [0, x], far from its cusp: a Gauss rule is exact.
-        gauss(24).integrate(0.0, x, |t| t * self.f(t))
+        // Here f varies slowly over [0, x] and its cusp is farther than x/9 away: a Gauss rule is exact.
+        gauss(40).integrate(0.0, x, |t| t * self.f(t))
     }
 }
 
-/// Below this ratio of difference to terms, quadrature is better than the closed form: at 0.25 the closed form
-/// loses two bits, and the integrand of the quadrature varies by no more than e.
+/// Below this ratio of difference to terms another form is better: at 0.25 a difference loses two bits.
 const CANCELS: f64 = 0.25;
 
 impl Profile for SkewedT {
@@ -174,8 +178,11 @@ impl Profile for SkewedT {
             if points.last().is_some_and(|&last| x <= last) {
                 continue;
             }
+            if x > X_MAX {
+                break;
+            }
             points.push(x);
-            if x >= POWER_SPAN * exact_from || level - 3.0 * (x / reference).max(1.0).ln() > depth || x > X_MAX {
+            if x >= POWER_SPAN * exact_from || level - 3.0 * (x / reference).max(1.0).ln() > depth {
                 break;
             }
         }
