@@ -43,4 +43,13 @@ impl Exponent {
             Self::Real(exponent) => x.powf(exponent),
         }
     }
+
+    /// `x^−exponent` for x > 0.
+    #[inline]
+    pub fn reciprocal_of(self, x: f64) -> f64 {
+        match self {
+            Self::Real(exponent) => x.powf(-exponent),
+            _ => 1.0 / self.of(x),
+        }
+    }
 }

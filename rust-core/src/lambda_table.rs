@@ -12,6 +12,9 @@ use crate::profile::Profile;
 pub struct LambdaTable {
     /// (H, H′) per node; the first node is 0.
     flat: Vec<f32>,
+    /// The same cells as cubics in a − a_left, for scalar code.
+    cubics: Vec<[f64; 4]>,
+    last: f64,
     shift: u32,
     first: u32,
     reached: f64,
@@ -93,8 +96,18 @@ impl LambdaTable {
         }
         let end = nodes.last().map_or(0.0, |n| n.h / n.a);
         let shift = MANTISSA - bits;
-        let flat = std::iter::once(&zero).chain(&nodes).flat_map(|n| [n.h as f32, n.slope as f32]).collect();
+        let flat: Vec<f32> = std::iter::once(&zero).chain(&nodes).flat_map(|n| [n.h as f32, n.slope as f32]).collect();
+        let starts = [0.0].into_iter().chain(nodes.iter().map(|n| n.a));
+        let cubics = flat
+            .as_chunks::<2>()
+            .0
+            .windows(2)
+            .zip(starts.zip(nodes.iter().map(|n| n.a)))
+            .map(|(pair, (left, right))| cubic(pair[0].map(f64::from), pair[1].map(f64::from), right - left))
+            .collect();
         Self {
+            cubics,
+            last: nodes.last().map_or(0.0, |n| n.a),
             flat,
             shift,
             first: (2f32.powi(low)).to_bits() >> shift,
@@ -124,31 +137,34 @@ impl LambdaTable {
     }
 
     /// H(a), a ≥ 0.
+    #[inline]
     pub fn h(&self, a: f64) -> f64 {
-        let position = i64::from((a as f32).to_bits() >> self.shift) - i64::from(self.first) + 1;
-        let cell = position.clamp(0, i64::from(self.cells()) - 1) as usize;
-        let bits = |k: u32| f64::from(f32::from_bits((self.first + k) << self.shift));
-        let high = bits(cell as u32);
-        let low = if cell == 0 { 0.0 } else { bits(cell as u32 - 1) };
-        let node = |k: usize| (f64::from(self.flat[2 * k]), f64::from(self.flat[2 * k + 1]));
-        let t = ((a - low) / (high - low)).clamp(0.0, 1.0);
-        hermite(node(cell), node(cell + 1), high - low, t).max(0.0)
+        // beyond the last node H stays what it is there: nothing against a
+        let a = a.min(self.last);
+        let key = (a as f32).to_bits() >> self.shift;
+        let cell = ((key + 1).max(self.first) - self.first).min(self.cubics.len() as u32 - 1);
+        let left = if cell == 0 { 0.0 } else { f64::from(f32::from_bits((self.first + cell - 1) << self.shift)) };
+        let d = a - left;
+        let [c0, c1, c2, c3] = self.cubics[cell as usize];
+        (c0 + d * (c1 + d * (c2 + d * c3))).max(0.0)
     }
+}
+
+/// The cubic in the distance from the left end that has the given values and slopes at both ends.
+fn cubic([h0, s0]: [f64; 2], [h1, s1]: [f64; 2], width: f64) -> [f64; 4] {
+    let chord = (h1 - h0) / width;
+    [h0, s0, (3.0 * chord - 2.0 * s0 - s1) / width, (s0 + s1 - 2.0 * chord) / (width * width)]
 }
 
 fn ilog2(x: f64) -> i32 {
     x.log2().clamp(-1000.0, 1000.0) as i32
 }
 
-/// The cubic with values and slopes given at both ends of a cell.
-fn hermite((h0, s0): (f64, f64), (h1, s1): (f64, f64), width: f64, t: f64) -> f64 {
-    let rest = 1.0 - t;
-    rest * rest * (h0 * (1.0 + 2.0 * t) + s0 * width * t) + t * t * (h1 * (3.0 - 2.0 * t) - s1 * width * rest)
-}
-
 /// Relative error of G1 = a/(a+H) at a point within a cell.
 fn error(left: &Node, right: &Node, point: &Node) -> f64 {
     let width = right.a - left.a;
-    let h = hermite((left.h, left.slope), (right.h, right.slope), width, (point.a - left.a) / width);
+    let [c0, c1, c2, c3] = cubic([left.h, left.slope], [right.h, right.slope], width);
+    let d = point.a - left.a;
+    let h = c0 + d * (c1 + d * (c2 + d * c3));
     (h - point.h).abs() / (point.a + point.h)
 }

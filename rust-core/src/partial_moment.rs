@@ -10,6 +10,27 @@
 use crate::exponent::Exponent;
 use crate::gamma_ratio::{gamma, scaled_gamma_ratio};
 
+/// The width 1 ± λ of one side, with its rounding error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Width {
+    hi: f64,
+    lo: f64,
+    inverse: f64,
+}
+
+impl Width {
+    /// `1 + skew`, where `skew` is λ on the outer side and −λ on the inner one.
+    pub fn new(skew: f64) -> Self {
+        let hi = 1.0 + skew;
+        Self { hi, lo: skew - (hi - 1.0), inverse: 1.0 / hi }
+    }
+
+    /// Its reciprocal.
+    pub fn inverse(&self) -> f64 {
+        self.inverse
+    }
+}
+
 /// A radius with its rounding error, so that steep profiles keep their digits: the value is `hi + lo`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Radius {
@@ -20,17 +41,16 @@ pub struct Radius {
 }
 
 impl Radius {
-    /// `|x − m| / (1 + skew)` where `skew` is λ on the outer side and −λ on the inner one.
-    pub fn of(x: f64, m: f64, skew: f64) -> Self {
+    /// `|x − m| / width`.
+    #[inline]
+    pub fn of(x: f64, m: f64, width: Width) -> Self {
         let (far, near) = if x >= m { (x, m) } else { (m, x) };
         let distance = far - near;
         // Knuth's two-sum: exact whatever the magnitudes
         let back = distance - far;
         let distance_lo = (far - (distance - back)) - (near + back);
-        let width = 1.0 + skew;
-        let width_lo = skew - (width - 1.0);
-        let hi = distance / width;
-        let lo = (hi.mul_add(-width, distance) + distance_lo - hi * width_lo) / width;
+        let hi = distance * width.inverse;
+        let lo = (hi.mul_add(-width.hi, distance) + distance_lo - hi * width.lo) * width.inverse;
         Self { hi, lo: if lo.is_finite() { lo } else { 0.0 } }
     }
 
@@ -45,6 +65,8 @@ impl Radius {
 pub struct Side {
     gamma: f64,
     two_p: f64,
+    /// 1/(γ−1)
+    inverse_less: f64,
     kurtosis: Exponent,
     tail: Exponent,
 }
@@ -59,7 +81,13 @@ const LOWER_SERIES_MAX: f64 = 0.9;
 impl Side {
     /// γ (infinity allowed) and p of a validated shape.
     pub fn new(gamma: f64, p: f64) -> Self {
-        Self { gamma, two_p: 2.0 * p, kurtosis: Exponent::new(2.0 * p), tail: Exponent::new(gamma) }
+        Self {
+            gamma,
+            two_p: 2.0 * p,
+            inverse_less: 1.0 / (gamma - 1.0),
+            kurtosis: Exponent::new(2.0 * p),
+            tail: Exponent::new(gamma),
+        }
     }
 
     /// `g(r)` for `r ≥ 0`.
@@ -79,18 +107,29 @@ impl Side {
             return if correction.is_finite() { (-power).exp() * (1.0 - correction) } else { 0.0 };
         }
         let less = self.gamma - 1.0;
-        let y = power / less;
+        let y = power * self.inverse_less;
         if y > LARGEST_BASE {
             // log g = −γ (2p ln r − ln(γ−1)), where r^(2p) is too large to be multiplied out.
             return (-self.gamma * (self.two_p * hi.ln() - less.ln())).exp();
         }
-        let y_lo = y.mul_add(-less, power) / less + y * relative;
+        let y_lo = y.mul_add(-less, power) * self.inverse_less + y * relative;
         let base = 1.0 + y;
         let base_lo = if y < 1.0 { y - (base - 1.0) } else { 1.0 - (base - y) } + y_lo;
         let correction = -self.gamma * (base_lo / base);
         // γ may be 10¹²: the correction is then 1e-4 and needs its second order too
         let correction = if correction.abs() < 1e-9 { 1.0 + correction } else { correction.exp() };
         correction / self.tail.of(base)
+    }
+
+    /// `g(r)` without carrying rounding errors along.
+    #[inline]
+    pub fn g_fast(&self, r: f64) -> f64 {
+        let power = self.kurtosis.of(r);
+        if self.gamma.is_infinite() {
+            return (-power).exp();
+        }
+        let y = power * self.inverse_less;
+        if y > LARGEST_BASE { self.g(Radius::exact(r)) } else { self.tail.reciprocal_of(1.0 + y) }
     }
 
     /// −ln g(r): how far below its peak the profile is.

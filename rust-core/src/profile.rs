@@ -23,6 +23,10 @@ pub enum Tail {
 pub trait Profile: Send + Sync {
     /// `f(x)`, not normalized, for x ≥ 0.
     fn f(&self, x: f64) -> f64;
+    /// `f(x)` for rendering: plain arithmetic; its error may grow with −ln f, to 1e-11 at 1e-290.
+    fn f_fast(&self, x: f64) -> f64 {
+        self.f(x)
+    }
     /// `A`.
     fn normalization(&self) -> f64;
     /// `F(x)`, the share of slopes below x in the projected distribution D·cos.

@@ -3,7 +3,7 @@
 //! Source: Ribardière et al. 2019, Eq. 1–6, in the parametrisation of [`Shape`].
 
 use crate::invert::{self, Monotone};
-use crate::partial_moment::{Radius, Side};
+use crate::partial_moment::{Radius, Side, Width};
 use crate::profile::{Profile, Tail};
 use crate::quadrature::gauss;
 use crate::shape::Shape;
@@ -13,6 +13,8 @@ use crate::shape::Shape;
 pub struct SkewedT {
     shape: Shape,
     side: Side,
+    outer_width: Width,
+    inner_width: Width,
     normalization: f64,
     /// Parts of `∫ x f dx` right and left of m.
     outer: f64,
@@ -36,7 +38,7 @@ impl SkewedT {
         let side = Side::new(shape.gamma(), shape.p());
         let (m, wide, narrow) = (shape.shift(), 1.0 + shape.lambda(), 1.0 - shape.lambda());
         let outer = wide * (m * side.total(1) + wide * side.total(2));
-        let rim = Radius::of(0.0, m, -shape.lambda());
+        let rim = Radius::of(0.0, m, Width::new(-shape.lambda()));
         let [j1, j2, j3] = [1, 2, 3].map(|k| side.lower(k, rim));
         let inner = narrow * (m * j1 - narrow * j2);
         let normalization = 0.5 / (outer + inner);
@@ -56,7 +58,18 @@ impl SkewedT {
         } else {
             Tail::Exponential
         };
-        Self { shape, side, normalization, outer, inner, mean: 2.0 * normalization * second, cusps, tail }
+        Self {
+            shape,
+            side,
+            outer_width: Width::new(shape.lambda()),
+            inner_width: Width::new(-shape.lambda()),
+            normalization,
+            outer,
+            inner,
+            mean: 2.0 * normalization * second,
+            cusps,
+            tail,
+        }
     }
 
     /// The parameters.
@@ -65,8 +78,8 @@ impl SkewedT {
     }
 
     fn radius(&self, x: f64) -> Radius {
-        let lambda = self.shape.lambda();
-        Radius::of(x, self.shape.shift(), if x > self.shape.shift() { lambda } else { -lambda })
+        let m = self.shape.shift();
+        Radius::of(x, m, if x > m { self.outer_width } else { self.inner_width })
     }
 
     /// `∫_x^∞ t f dt` for x ≥ m.
@@ -114,6 +127,12 @@ const CANCELS: f64 = 0.25;
 impl Profile for SkewedT {
     fn f(&self, x: f64) -> f64 {
         self.side.g(self.radius(x))
+    }
+
+    #[inline]
+    fn f_fast(&self, x: f64) -> f64 {
+        let d = x - self.shape.shift();
+        self.side.g_fast(d.abs() * if d > 0.0 { self.outer_width.inverse() } else { self.inner_width.inverse() })
     }
 
     fn normalization(&self) -> f64 {

@@ -120,17 +120,19 @@ impl VisibleTable {
         f64::from(self.flat[j])
     }
 
-    fn pair(&self, mixture: Mixture, j: usize) -> (f64, f64) {
-        let at = |row: usize| {
-            let k = 2 * (FIRST_PAIR + row * (CELLS + 1) + j);
-            (f64::from(self.flat[k]), f64::from(self.flat[k + 1]))
+    /// Both rows of a mixture.
+    #[inline]
+    fn rows(&self, mixture: Mixture) -> Rows<'_> {
+        let row = |index: usize| {
+            let start = 2 * (FIRST_PAIR + index * (CELLS + 1));
+            self.flat[start..start + 2 * (CELLS + 1)].as_chunks::<2>().0
         };
-        let ((c0, g0), (c1, g1)) = (at(mixture.row), at(mixture.row + 1));
-        (c0 + mixture.t * (c1 - c0), g0 + mixture.t * (g1 - g0))
+        Rows { first: row(mixture.row), second: row(mixture.row + 1), t: mixture.t }
     }
 
-    fn cell(&self, mixture: Mixture, j: usize) -> Cell {
-        let ((c0, g0), (c1, g1)) = (self.pair(mixture, j), self.pair(mixture, j + 1));
+    #[inline]
+    fn cell(&self, rows: Rows, j: usize) -> Cell {
+        let ((c0, g0), (c1, g1)) = (rows.pair(j), rows.pair(j + 1));
         let (y, mass) = (self.knot(j), c0 - c1);
         let width = self.knot(j + 1) - y;
         let unit = if mass > 0.0 { width / mass } else { 0.0 };
@@ -139,17 +141,14 @@ impl VisibleTable {
 
     /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
     pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
-        let total = self.pair(mixture, 0).0;
+        let rows = self.rows(mixture);
+        let total = rows.above(0);
         let target = (1.0 - u) * total;
-        let (mut low, mut high) = (0, CELLS);
-        while high - low > 1 {
-            let middle = (low + high) / 2;
-            if self.pair(mixture, middle).0 >= target { low = middle } else { high = middle }
-        }
-        if low == CELLS - 1 {
+        let j = last_where(|j| rows.above(j) >= target);
+        if j == CELLS - 1 {
             return None;
         }
-        let cell = self.cell(mixture, low);
+        let cell = self.cell(rows, j);
         if cell.mass <= 0.0 {
             return None;
         }
@@ -157,24 +156,62 @@ impl VisibleTable {
         let (d0, d1) = cell.ends;
         let k = d0 + d1 - 2.0;
         let b = d0 - q * k;
-        let tau = (2.0 * q / (b + (b * b + 4.0 * (1.0 - b) * q).max(0.0).sqrt())).clamp(0.0, 1.0);
-        let tau = if tau.is_nan() { 0.0 } else { tau };
+        let below = b + (b * b + 4.0 * (1.0 - b) * q).max(0.0).sqrt();
+        let tau = if below > 0.0 { (2.0 * q / below).min(1.0) } else { 0.0 };
         Some((cell.y + tau * cell.width, cell.density(tau) / total))
     }
 
     /// Density per dρ² of what [`VisibleTable::sample`] draws.
     pub fn density(&self, mixture: Mixture, y: f64) -> f64 {
-        let (mut low, mut high) = (0, CELLS);
-        while high - low > 1 {
-            let middle = (low + high) / 2;
-            if self.knot(middle) <= y { low = middle } else { high = middle }
-        }
-        if low == CELLS - 1 {
+        let j = last_where(|j| self.knot(j) <= y);
+        if j == CELLS - 1 {
             return 0.0;
         }
-        let cell = self.cell(mixture, low);
-        cell.density((y - cell.y) / cell.width) / self.pair(mixture, 0).0
+        let rows = self.rows(mixture);
+        let cell = self.cell(rows, j);
+        cell.density((y - cell.y) / cell.width) / rows.above(0)
     }
+}
+
+/// Two rows and where between them.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    first: &'a [[f32; 2]],
+    second: &'a [[f32; 2]],
+    t: f64,
+}
+
+impl Rows<'_> {
+    #[inline]
+    fn mix(&self, j: usize, k: usize) -> f64 {
+        let (a, b) = (f64::from(self.first[j][k]), f64::from(self.second[j][k]));
+        a + self.t * (b - a)
+    }
+
+    /// Mass above knot j.
+    #[inline]
+    fn above(&self, j: usize) -> f64 {
+        self.mix(j, 0)
+    }
+
+    #[inline]
+    fn pair(&self, j: usize) -> (f64, f64) {
+        (self.mix(j, 0), self.mix(j, 1))
+    }
+}
+
+/// The last cell whose left knot satisfies `holds`, which holds for the first one.
+#[inline]
+fn last_where(holds: impl Fn(usize) -> bool) -> usize {
+    let mut j = 0;
+    let mut step = CELLS / 2;
+    while step > 0 {
+        if holds(j + step) {
+            j += step;
+        }
+        step /= 2;
+    }
+    j
 }
 
 impl Cell {
