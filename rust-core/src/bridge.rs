@@ -62,6 +62,7 @@ mod ffi {
         visible_rows: u32,
         visible_cells: u32,
         accuracy_reached: f64,
+        steepness: f64,
     }
 
     extern "Rust" {
@@ -168,6 +169,7 @@ impl Ndf {
             visible_rows: ROWS as u32,
             visible_cells: CELLS as u32,
             accuracy_reached: self.0.accuracy_reached(),
+            steepness: self.0.steepness(),
         }
     }
 

@@ -124,6 +124,22 @@ impl Ndf {
     pub fn visible_table(&self) -> &VisibleTable {
         &self.visible_table
     }
+    /// Greatest |d ln f / d ln x| where f is above 1e-7 of its peak: by how much D magnifies the rounding of a slope.
+    pub fn steepness(&self) -> f64 {
+        let profile = self.profile.as_ref();
+        let knots = self.visible_table.slopes();
+        let points: Vec<(f64, f64)> = knots
+            .windows(2)
+            .flat_map(|pair| (0..8).map(|k| pair[0] + (pair[1] - pair[0]) * f64::from(k) / 8.0))
+            .map(|x| (x, profile.f_fast(x)))
+            .collect();
+        let peak = points.iter().fold(0.0_f64, |peak, &(_, f)| peak.max(f));
+        points
+            .windows(2)
+            .filter(|pair| pair[0].0 > 0.0 && pair[0].1.min(pair[1].1) > 1e-7 * peak)
+            .map(|pair| ((pair[1].1 / pair[0].1).ln() / (pair[1].0 / pair[0].0).ln()).abs())
+            .fold(0.0, f64::max)
+    }
     /// The relative error of G1 that calls of this object have.
     pub fn accuracy_reached(&self) -> f64 {
         if self.accuracy == 0.0 { 1e-12 } else { self.lambda_table.reached() }

@@ -99,6 +99,11 @@ impl VisibleTable {
         &self.flat
     }
 
+    /// The finite knots as slopes ρ.
+    pub fn slopes(&self) -> Vec<f64> {
+        self.flat[..CELLS].iter().map(|&y| f64::from(y).sqrt()).collect()
+    }
+
     /// The b of the row coordinate a/(a + b).
     pub fn scale(&self) -> f64 {
         self.scale
