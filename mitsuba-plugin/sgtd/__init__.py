@@ -1,0 +1,66 @@
+"""Microfacet BSDFs of the skewed generalized t-distribution (SGTD) family for Mitsuba 3.
+
+Importing this package makes the plugin ``sgtdconductor`` known to Mitsuba::
+
+    import mitsuba as mi
+    import sgtd
+
+    mi.set_variant("llvm_ad_rgb")
+    bsdf = mi.load_dict({"type": "sgtdconductor", "material": "Au", "gamma": 1.8})
+
+The import may come before or after ``mi.set_variant``: Mitsuba has one search path for the whole process, shared by all variants and
+threads. Only ``mi.set_file_resolver`` with a new resolver loses the plugin; :func:`register` adds it again.
+
+:class:`sgtd.Ndf` evaluates the distributions over numpy arrays, without Mitsuba's variants.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .ndf import Ndf
+
+__all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "register"]
+
+__version__ = importlib.metadata.version("sgtd")
+
+#: The release of Mitsuba that the plugin was built for; it works with no other.
+MITSUBA_RELEASE = "3.9.1"
+
+#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so``.
+PLUGIN_DIR = Path(__file__).resolve().parent
+
+
+def register() -> None:
+    """Puts the plugin on Mitsuba's search path; does nothing if it is there.
+
+    Raises ``ImportError`` if Mitsuba is missing, or is another release than the one that the plugin was built for.
+    """
+    mend = f"Install the matching one: pip install mitsuba=={MITSUBA_RELEASE}"
+    try:
+        import mitsuba as mi
+    except ImportError as error:
+        raise ImportError(f"sgtd needs Mitsuba {MITSUBA_RELEASE}, which cannot be imported ({error}). {mend}") from error
+    if mi.__version__ != MITSUBA_RELEASE:
+        raise ImportError(f"sgtd was built for Mitsuba {MITSUBA_RELEASE}, but Mitsuba {mi.__version__} is installed. {mend}")
+    resolver = mi.file_resolver()
+    if not resolver.contains(str(PLUGIN_DIR)):
+        resolver.append(str(PLUGIN_DIR))
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded on first use: numpy and the extension module are not needed to render
+    if name == "Ndf":
+        return importlib.import_module(".ndf", __name__).Ndf
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))
+
+
+register()

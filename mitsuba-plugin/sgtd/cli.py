@@ -1,0 +1,243 @@
+"""The command line ``sgtd``: options and messages. What the commands do is in the modules that they name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .errors import UserError, mitsuba_errors, one_line
+
+_CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(context_settings=_CONTEXT, invoke_without_command=True)
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """The SGTD family of microfacet distributions in Mitsuba 3.
+
+    \b
+    Examples:
+      sgtd compare scenes/spheres.xml -o out/spheres --set distribution=student --set gamma=1.6
+      sgtd render scenes/spheres.xml -o spheres.png -D bsdf=sgtdconductor -D distribution=std
+      sgtd doctor
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+def _parameters(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> dict[str, str]:
+    """Reads ``-D name=value``."""
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name:
+            raise click.BadParameter(f'"{text}": expected name=value, as in "-D bsdf=sgtdconductor"')
+        parameters[name] = value
+    return parameters
+
+
+_PATH = click.Path(path_type=Path)
+_SCENE = click.argument("scene", type=_PATH, metavar="SCENE.xml")
+_VARIANT = click.option("--variant", help="Mitsuba variant (default: the first of CUDA, LLVM, scalar that runs).")
+_SPP = click.option("--spp", type=click.IntRange(min=1), help="Samples per pixel (default: the scene's).")
+_SENSOR = click.option("--sensor", type=click.IntRange(min=0), default=0, help="Which camera, counted from 0.")
+_DEFINE = click.option(
+    "-D",
+    "--define",
+    "parameters",
+    multiple=True,
+    callback=_parameters,
+    metavar="NAME=VALUE",
+    help="Value of a $NAME in the scene; may be given several times.",
+)
+
+
+@cli.command("render")
+@_SCENE
+@click.option("-o", "--output", type=_PATH, required=True, help="Image to write: .exr (linear floats) or .png (sRGB).")
+@_VARIANT
+@_SPP
+@_SENSOR
+@_DEFINE
+def render_command(
+    scene: Path, output: Path, variant: str | None, spp: int | None, sensor: int, parameters: dict[str, str]
+) -> None:
+    """Render a scene; sgtdconductor can be used in it.
+
+    \b
+    Examples:
+      sgtd render scenes/spheres.xml -o spheres.png
+      sgtd render scenes/spheres.xml -o spheres.exr --spp 512 --variant llvm_ad_spectral
+      sgtd render scenes/spheres.xml -o out.png -D bsdf=sgtdconductor -D distribution=student
+    """
+    from .render import render_file
+    from .scene_graph import read_scene
+
+    _start_mitsuba(variant)
+    graph = read_scene(scene, parameters)
+    with _Bars() as bars:
+        result = render_file(graph, output, sensor, spp, lambda length: bars.add("rendering", length))
+    click.echo(f"{output}: {result.spp} samples per pixel in {result.seconds + result.first_pass_excess:.1f} s")
+
+
+@cli.command("compare", short_help="Compare roughconductor with sgtdconductor in any scene.")
+@_SCENE
+@click.option("-o", "--output", type=_PATH, required=True, help="Folder for the images, the picture and the table.")
+@click.option(
+    "-s",
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Shape of the right side: distribution, gamma, p, lambda, shift, mu, masking; may be given several times.",
+)
+@_VARIANT
+@_SPP
+@_SENSOR
+@_DEFINE
+@click.option("--exposure", type=float, metavar="STOPS", help="Exposure of the picture (default: by the left image).")
+@click.option("-l", "--log", is_flag=True, help="Show luminance on a logarithmic scale.")
+def compare_command(
+    scene: Path,
+    output: Path,
+    settings: tuple[str, ...],
+    variant: str | None,
+    spp: int | None,
+    sensor: int,
+    parameters: dict[str, str],
+    exposure: float | None,
+    log: bool,
+) -> None:
+    """Compare roughconductor (left) with sgtdconductor (right) in any scene.
+
+    Every roughconductor of the scene is exchanged for an sgtdconductor of the same metal and roughness; --set moves
+    its shape away from the scene's own distribution. A scene that has sgtdconductor already is compared the other
+    way round: it is shown on the right, and on the left the nearest roughconductor.
+
+    \b
+    Examples:
+      sgtd compare scenes/spheres.xml -o out/spheres --set distribution=student --set gamma=1.6
+      sgtd compare scenes/lobe.xml -o out/lobe --log --set gamma=1.8 --set p=0.8 --set shift=1
+      sgtd compare my_scene.xml -o out/mine --set lambda=0.4 --spp 64 -D resolution=512
+
+    Writes left.exr, right.exr, comparison.png, comparison.csv and comparison.json.
+    """
+    from .compare import PICTURE, compare_scene
+    from .exchange import parse_settings
+    from .scene_graph import read_scene
+
+    shape = parse_settings(settings)
+    _start_mitsuba(variant)
+    graph = read_scene(scene, parameters)
+    with _Bars() as bars:
+        report = compare_scene(graph, output, shape, parameters, sensor, spp, exposure, log, bars.add)
+    console = _console()
+    for left, right, count in report.pair.summary():
+        console.print(f"{count} × {left}  →  {right}", highlight=False, soft_wrap=True)
+    report.print(console)
+    click.echo(f"Picture: {output / PICTURE}")
+
+
+@cli.command("doctor", short_help="Say what works here, and how to mend what does not.")
+def doctor_command() -> None:
+    """Say what works on this machine, and how to mend what does not.
+
+    The exit status is 0 if sgtdconductor works at least in scalar_rgb.
+
+    \b
+    Example:
+      sgtd doctor
+    """
+    from .doctor import Diagnosis, diagnose, print_findings
+
+    with _Bars() as bars:
+        found = Diagnosis(tuple(diagnose(bars.say)))
+    console = _console()
+    print_findings(found.findings, console)
+    click.echo(found.verdict())
+    if not found.usable:
+        raise SystemExit(1)
+
+
+def _start_mitsuba(requested: str | None) -> None:
+    """Sets the variant and puts the plugin on Mitsuba's search path."""
+    from .variants import choose
+
+    with mitsuba_errors():
+        import mitsuba as mi
+
+        import sgtd
+
+        sgtd.register()
+        variant, remark = choose(requested)
+        mi.set_variant(variant)
+        mi.set_log_level(mi.LogLevel.Warn)
+    if remark:
+        click.echo(f"sgtd: {remark}", err=True)
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=100)
+
+
+class _Bars:
+    """Progress bars on the error stream; nothing is drawn where that is not a terminal."""
+
+    def __enter__(self) -> _Bars:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description:<10}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def add(self, name: str, length: int) -> Any:
+        """A bar of this length; the result advances it."""
+        task = self._progress.add_task(name, total=length)
+        return lambda done: self._progress.advance(task, done)
+
+    def say(self, what: str) -> None:
+        """A bar without a length, for steps that are not counted."""
+        for task in self._progress.task_ids:
+            self._progress.remove_task(task)
+        self._progress.add_task(f"trying {what}", total=None)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: a mistake of the user ends in one line on the error stream and a status that is not 0."""
+    try:
+        status = cli.main(args=arguments, prog_name="sgtd", standalone_mode=False)
+    except click.ClickException as error:
+        _fail(error.format_message(), error.exit_code)
+    except UserError as error:
+        _fail(str(error), 1)
+    except (click.Abort, KeyboardInterrupt):
+        _fail("interrupted", 130)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str, status: int) -> None:
+    click.echo(f"sgtd: {one_line(message)}", err=True)
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""``sgtd compare``: one scene with roughconductor and with sgtdconductor, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from . import measure, picture
+from .exchange import Pair, exchange
+from .render import Progress, render, sample_count, save
+from .report import Report
+from .scene_graph import SceneGraph
+from .staging import Staging
+
+PICTURE = "comparison.png"
+FILES = ("left.exr", "right.exr", PICTURE, "comparison.csv", "comparison.json")
+
+# Gets the name of a step and its length, and returns the call that advances it.
+Steps = Callable[[str, int], Progress]
+
+
+def compare_scene(
+    graph: SceneGraph,
+    folder: Path,
+    settings: dict[str, str | float],
+    parameters: dict[str, str],
+    sensor: int = 0,
+    spp: int | None = None,
+    exposure: float | None = None,
+    log: bool = False,
+    steps: Steps | None = None,
+) -> Report:
+    """Renders both sides with the same samples, measures, and writes ``FILES`` into the folder."""
+    import mitsuba as mi
+
+    pair = exchange(graph, settings)
+    steps = steps or _silent
+    with Staging(folder) as staging:
+        # Both are built before any rendering, so that a refused shape shows at once.
+        scenes = [pair.left.build(), pair.right.build()]
+        count = sample_count(scenes[0], sensor, spp)
+        left, right = render(scenes, sensor, count, steps("rendering", 2 * count))
+        del scenes
+
+        done = steps("comparing", 2)
+        result = measure.compare(left, right, exposure, log)
+        done(1)
+        size = left.bitmap.size()
+        report = Report(
+            scene=graph.path,
+            parameters=parameters,
+            settings=settings,
+            variant=mi.variant(),
+            mitsuba=mi.__version__,
+            width=int(size[0]),
+            height=int(size[1]),
+            pair=pair,
+            left=left,
+            right=right,
+            result=result,
+        )
+        for name, rendering in (("left.exr", left), ("right.exr", right)):
+            save(rendering.bitmap, staging.path(name))
+        picture.draw(staging.path(PICTURE), left.rgb(), right.rgb(), result, labels(report))
+        report.write_csv(staging.path("comparison.csv"))
+        report.write_json(staging.path("comparison.json"))
+        done(1)
+    return report
+
+
+def labels(report: Report) -> picture.Labels:
+    """The words of the picture."""
+    result, left, right = report.result, report.left, report.right
+    numbers = (
+        f"Mean luminance {result.mean_left:.4g} and {result.mean_right:.4g} "
+        f"({picture.ratio_text(result.mean_right, result.mean_left)}).  RMSE {result.rmse:.3g}"
+    )
+    if result.rmse_noise is not None:
+        numbers += f" (noise alone {result.rmse_noise:.2g}, beyond noise {result.rmse_beyond_noise:.3g})"
+    numbers += f".  Time {left.seconds:.3g} s and {right.seconds:.3g} s without compiling."
+    if report.verdict():
+        numbers += "  " + report.verdict()
+    return picture.Labels(
+        title=f"{report.scene.name}: the same metals and roughness, another distribution of microfacets",
+        left=side_text(report.pair, "left"),
+        right=side_text(report.pair, "right"),
+        footer=(numbers, f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds."),
+    )
+
+
+def side_text(pair: Pair, side: str) -> tuple[str, str]:
+    """What the materials of one side are: ("left: roughconductor, 4 materials", "3 × ggx; 1 × beckmann")."""
+    counts: dict[str, int] = {}
+    for entry in pair.exchanges:
+        name = entry.left if side == "left" else entry.right
+        counts[name] = counts.get(name, 0) + 1
+    plugin = next(iter(counts)).split(", ")[0]
+    number = len(pair.exchanges)
+    heading = f"{side}: {plugin}" + (f", {number} materials" if number > 1 else "")
+    kinds = [(name.split(", ", 1)[1], count) for name, count in sorted(counts.items(), key=lambda item: -item[1])]
+    if len(kinds) == 1:
+        return heading, kinds[0][0]
+    shapes = [f"{count} × {shape}" for shape, count in kinds[:3]]
+    if len(kinds) > 3:
+        shapes.append(f"{len(kinds) - 3} other kinds")
+    return heading, "; ".join(shapes)
+
+
+def _silent(_name: str, _length: int) -> Progress:
+    return lambda _done: None

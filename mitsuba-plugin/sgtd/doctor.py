@@ -1,0 +1,183 @@
+"""``sgtd doctor``: what works on this machine, and the mend for what does not."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import platform
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .errors import one_line
+from .variants import Probe, known_variants, probe
+
+PLUGIN = "sgtdconductor"
+
+# The versions of LLVM that Dr.Jit accepts and that still end the process on processors with AVX-512.
+_LLVM_ABORTS_ON_AVX512 = range(15, 17)
+
+_INSTALL_LLVM = "sudo apt-get install libllvm19 (Debian), or set DRJIT_LIBLLVM_PATH to the libLLVM.so of a newer LLVM"
+
+_BACKENDS = ("scalar_", "llvm_", "cuda_")
+
+_INSTALL_PLUGIN = "pip install --force-reinstall --no-deps ./mitsuba-plugin"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report. ``state`` is "ok", "off" (not here, not needed) or "bad"."""
+
+    subject: str
+    state: str
+    text: str
+    mend: str = ""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All findings. ``usable`` is the verdict: at least scalar_rgb renders with the plugin."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def usable(self) -> bool:
+        return any(finding.subject == "scalar_rgb" and finding.state == "ok" for finding in self.findings)
+
+    def verdict(self) -> str:
+        """One sentence, the last line of the report."""
+        works = [f.subject for f in self.findings if f.state == "ok" and f.subject.startswith(_BACKENDS)]
+        if not self.usable:
+            return f"Not usable: {PLUGIN} does not work in scalar_rgb. See the mends above."
+        fast = [variant for variant in works if not variant.startswith("scalar_")]
+        if not fast:
+            return f"Usable, but slow: {PLUGIN} works in the scalar variants only."
+        return f"Usable: {PLUGIN} works in {len(works)} variants."
+
+
+def diagnose(tried: Callable[[str], None] = print) -> Iterator[Finding]:
+    """Checks everything, from what the rest depends on to the single variants; ``tried`` hears what comes next."""
+    tried("Mitsuba")
+    for check in (_mitsuba, _plugin_file):
+        finding = check()
+        yield finding
+        if finding.state != "ok":
+            return
+    variants = known_variants()
+    for backend, describe in (("scalar_", None), ("llvm_", _llvm), ("cuda_", _cuda)):
+        probes = []
+        for variant in variants:
+            if variant.startswith(backend):
+                tried(variant)
+                probes.append(probe(variant, PLUGIN))
+        if describe is not None:
+            yield describe(probes)
+        absent = describe is not None and not any(p.backend for p in probes)
+        for result in probes:
+            yield _variant(result, absent)
+
+
+def _mitsuba() -> Finding:
+    """Mitsuba's version against the one that the plugin was built with: another one loads and misbehaves."""
+    built = built_with()
+    mend = f"pip install mitsuba=={built}"
+    try:
+        import mitsuba as mi
+    except Exception as error:
+        return Finding("Mitsuba", "bad", one_line(error), mend)
+    if built != mi.__version__:
+        return Finding("Mitsuba", "bad", f"{mi.__version__} is installed; the plugin was built with {built}", mend)
+    return Finding("Mitsuba", "ok", f"{built}, as the plugin was built (Python {platform.python_version()})")
+
+
+def built_with() -> str:
+    """The version of Mitsuba that the plugin was built with."""
+    import sgtd
+
+    return sgtd.MITSUBA_RELEASE
+
+
+def plugin_file() -> Path | None:
+    """The plugin in Mitsuba's search path, as Mitsuba itself would find it."""
+    import mitsuba as mi
+
+    import sgtd  # noqa: F401  (puts the plugin on the search path)
+
+    endings = {"Windows": ".dll", "Darwin": ".dylib"}
+    name = f"plugins/{PLUGIN}{endings.get(platform.system(), '.so')}"
+    found = Path(str(mi.file_resolver().resolve(name)))
+    return found if found.is_file() else None
+
+
+def _plugin_file() -> Finding:
+    try:
+        found = plugin_file()
+    except Exception as error:
+        return Finding("plugin", "bad", one_line(error), _INSTALL_PLUGIN)
+    if found is None:
+        return Finding("plugin", "bad", f"{PLUGIN} is not in Mitsuba's search path", _INSTALL_PLUGIN)
+    return Finding("plugin", "ok", str(found))
+
+
+def _llvm(probes: list[Probe]) -> Finding:
+    """LLVM, as the LLVM variants met it."""
+    forced = os.environ.get("DRJIT_LIBLLVM_PATH", "")
+    source = f"DRJIT_LIBLLVM_PATH={forced}" if forced else "the system's"
+    worked = [p for p in probes if p.backend]
+    if worked:
+        return Finding("LLVM", "ok", f"{worked[0].backend.removeprefix('LLVM ')}, {source}")
+    if not probes:
+        return Finding("LLVM", "off", "this Mitsuba has no LLVM variants")
+    reason = probes[0].reason
+    if "LLVM ERROR" in reason or "signal" in reason:
+        versions = f"{_LLVM_ABORTS_ON_AVX512[0]} and {_LLVM_ABORTS_ON_AVX512[-1]}"
+        avx = " (this processor has AVX-512)" if _has_avx512() else ""
+        text = f"{source} ends the process: LLVM {versions} do so on processors with AVX-512{avx}"
+        return Finding("LLVM", "bad", text, _INSTALL_LLVM)
+    if forced and not Path(forced).exists():
+        return Finding("LLVM", "bad", f"{source} does not exist", f"unset DRJIT_LIBLLVM_PATH, or: {_INSTALL_LLVM}")
+    if not forced and ctypes.util.find_library("LLVM") is None:
+        return Finding("LLVM", "bad", "no libLLVM found: the fast CPU variants are off", _INSTALL_LLVM)
+    return Finding("LLVM", "bad", f"{source} is too old or does not load", _INSTALL_LLVM)
+
+
+def _cuda(probes: list[Probe]) -> Finding:
+    """CUDA is an extra: a machine without it is a usable one."""
+    worked = [p for p in probes if p.backend]
+    if worked:
+        return Finding("CUDA", "ok", worked[0].backend.removeprefix("CUDA "))
+    return Finding("CUDA", "off", "no NVIDIA GPU with a driver: the CUDA variants are off")
+
+
+def _variant(result: Probe, backend_absent: bool) -> Finding:
+    if result.usable:
+        return Finding(result.variant, "ok", f"{PLUGIN} evaluates ({result.seconds:.1f} s)")
+    if backend_absent:
+        return Finding(result.variant, "off", "see above")
+    return Finding(result.variant, "bad", result.reason, _INSTALL_PLUGIN)
+
+
+def _has_avx512() -> bool:
+    try:
+        return "avx512f" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return False
+
+
+def print_findings(findings: tuple[Finding, ...], console: Any) -> None:
+    """The report as a table, with the mends below it."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    marks = {"ok": "[green]ok[/]", "off": "[dim]off[/]", "bad": "[bold red]bad[/]"}
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    for finding in findings:
+        table.add_row(marks[finding.state], finding.subject, escape(finding.text))
+    console.print(table)
+    mends: dict[str, list[str]] = {}
+    for finding in findings:
+        if finding.mend:
+            mends.setdefault(finding.mend, []).append(finding.subject)
+    for mend, subjects in mends.items():
+        console.print(f"[bold]mend for {', '.join(subjects)}[/]: {escape(mend)}", soft_wrap=True, highlight=False)

@@ -1,0 +1,179 @@
+"""The exchange of rough conductors: one scene, made into a pair that differs in its metals alone.
+
+On the left every metal is a ``roughconductor``, on the right every metal is an ``sgtdconductor`` with the same
+metal, roughness, textures and reflectance. What a scene file has of either kind is kept as it is on its own side:
+
+====================  ==============================  ==========================================
+the file has          left                            right
+====================  ==============================  ==========================================
+``roughconductor``    as in the file                  the same distribution, moved by ``--set``
+``sgtdconductor``     the nearest of GGX, Beckmann    as in the file, moved by ``--set``
+====================  ==============================  ==========================================
+
+A material is one node of the scene graph, so one that is shared by ``<ref>``, nested in another BSDF or comes from
+an included file is exchanged like any other.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Union
+
+from .errors import UserError
+from .scene_graph import SceneGraph
+
+LEFT = "roughconductor"
+RIGHT = "sgtdconductor"
+
+# The properties in which the two plugins differ; all others (metal, roughness, reflectance) stay as they are.
+_NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
+_WORDS = ("distribution", "masking")
+SETTINGS = _WORDS + _NUMBERS
+
+# Those that leave a fixed row of the family: a scene's own GGX or Beckmann cannot have them.
+_TAIL_AND_BODY = ("gamma", "p", "lambda")
+
+# gamma of the two distributions that roughconductor has, as members of the family.
+_GAMMA = {"beckmann": math.inf, "ggx": 2.0}
+
+# Rows without a power tail.
+_EXPONENTIAL_ROWS = ("beckmann", "gnd", "snd", "sgnd")
+
+# Student's distribution of this gamma is as far from GGX as from Beckmann: the largest difference of
+# P(slope > x) at equal roughness is 0.103 to either.
+_HALFWAY_GAMMA = 3.2918
+
+Settings = Mapping[str, Union[str, float]]
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One material: where it stands in the file, and what it is on either side."""
+
+    place: str
+    left: str
+    right: str
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The two graphs and the list of what differs between them."""
+
+    left: SceneGraph
+    right: SceneGraph
+    exchanges: tuple[Exchange, ...]
+
+    def summary(self) -> list[tuple[str, str, int]]:
+        """The distinct kinds of exchange with their numbers, in the order of the file."""
+        counts: dict[tuple[str, str], int] = {}
+        for exchange in self.exchanges:
+            kind = (exchange.left, exchange.right)
+            counts[kind] = counts.get(kind, 0) + 1
+        return [(left, right, count) for (left, right), count in counts.items()]
+
+
+def parse_settings(texts: tuple[str, ...] | list[str]) -> dict[str, str | float]:
+    """Reads ``name=value`` texts. The plugin itself judges the values; here only their kind is checked."""
+    settings: dict[str, str | float] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name or not value:
+            raise UserError(f'--set {text}: expected name=value, as in "--set gamma=1.8"')
+        if name not in SETTINGS:
+            close = difflib.get_close_matches(name, SETTINGS, n=1)
+            hint = f' (did you mean "{close[0]}"?)' if close else ""
+            raise UserError(f"--set {name}: unknown property{hint}; it can be {', '.join(SETTINGS)}")
+        if name in _WORDS:
+            settings[name] = value
+            continue
+        try:
+            settings[name] = float(value)
+        except ValueError:
+            raise UserError(f'--set {name}={value}: "{value}" is not a number') from None
+    return settings
+
+
+def exchange(graph: SceneGraph, settings: Settings) -> Pair:
+    """Makes the pair; ``graph`` itself stays as it is."""
+    left, right = graph.copy(), graph.copy()
+    # Collected before anything changes: a node turned into the other plugin must not be met a second time.
+    pairs = [
+        *zip(list(left.materials(LEFT)), list(right.materials(LEFT))),
+        *zip(list(left.materials(RIGHT)), list(right.materials(RIGHT))),
+    ]
+    pairs.sort(key=lambda pair: (pair[0].file_index, pair[0].offset))
+    exchanges = []
+    for left_node, right_node in pairs:
+        if left_node.props.plugin_name() == LEFT:
+            _to_sgtd(right_node.props, settings)
+        else:
+            _to_rough(left_node.props)
+            _apply(right_node.props, settings)
+        exchanges.append(Exchange(graph.place(left_node), describe(left_node.props), describe(right_node.props)))
+    if not exchanges:
+        raise UserError(f"{graph.path} has no {LEFT} and no {RIGHT}: there is nothing to exchange")
+    return Pair(left, right, tuple(exchanges))
+
+
+def describe(props: Any) -> str:
+    """A material's plugin and shape in a few words: "sgtdconductor, student, gamma = 1.6"."""
+    plugin = props.plugin_name()
+    default = "beckmann" if plugin == LEFT else "sgtd"
+    parts = [plugin, str(props["distribution"]) if "distribution" in props else default]
+    parts += [f"{name} = {_text(props[name])}" for name in _NUMBERS if name in props]
+    if "masking" in props:
+        parts.append(f"{props['masking']} masking")
+    return ", ".join(parts)
+
+
+def nearest_distribution(distribution: str, gamma: float) -> str:
+    """The distribution of roughconductor that comes nearest to a member of the family, judged by its tail."""
+    if distribution in _EXPONENTIAL_ROWS or gamma > _HALFWAY_GAMMA:
+        return "beckmann"
+    return "ggx"
+
+
+def _to_sgtd(props: Any, settings: Settings) -> None:
+    """Turns a roughconductor into the sgtdconductor that equals it, then applies the settings.
+
+    A setting of gamma, p or lambda without a distribution moves away from the scene's own distribution, in the
+    row that has all parameters free: p = 0.8 on a Beckmann scene keeps gamma = inf.
+    """
+    own = str(props["distribution"]).lower() if "distribution" in props else "beckmann"
+    props.set_plugin_name(RIGHT)
+    moves = any(name in settings for name in _TAIL_AND_BODY) and "distribution" not in settings
+    if moves and own in _GAMMA:
+        props["distribution"] = "sgtd"
+        props["gamma"] = _GAMMA[own]
+    else:
+        props["distribution"] = own
+    _apply(props, settings)
+
+
+def _to_rough(props: Any) -> None:
+    """Turns an sgtdconductor into the nearest roughconductor."""
+    row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
+    gamma = props["gamma"] if "gamma" in props else _GAMMA["ggx"]
+    if not isinstance(gamma, (int, float)):
+        gamma = _GAMMA["ggx"]  # the right side will say what is wrong with it
+    props.set_plugin_name(LEFT)
+    for name in (*_NUMBERS, "masking"):
+        if name in props:
+            del props[name]
+    props["distribution"] = nearest_distribution(row, gamma)
+
+
+def _apply(props: Any, settings: Settings) -> None:
+    """Sets the properties; of ``shift`` and ``mu``, two ways to say the same, the last word counts."""
+    for name, value in settings.items():
+        props[name] = value
+        other = {"shift": "mu", "mu": "shift"}.get(name)
+        if other and other not in settings and other in props:
+            del props[other]
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

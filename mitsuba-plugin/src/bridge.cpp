@@ -1,0 +1,183 @@
+#include "bridge.h"
+
+#include <map>
+#include <mutex>
+#include <stdexcept>
+#include <tuple>
+
+#include "rust/cxx.h"
+#include "sgtd-core/src/bridge.rs.h"
+
+namespace sgtd::host {
+
+namespace {
+
+/// Runs a call into the core and turns its error into an exception of the standard library.
+template <typename Call> auto checked(Call &&call) {
+    try {
+        return call();
+    } catch (const rust::Error &error) {
+        throw std::invalid_argument(error.what());
+    }
+}
+
+sgtd::Given given(std::optional<double> value) {
+    return { value.has_value(), value.value_or(0.0) };
+}
+
+sgtd::Vec3 to_core(const Vec3 &v) { return { v[0], v[1], v[2] }; }
+
+template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.data, slice.size }; }
+
+} // namespace
+
+RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
+                      std::optional<double> lambda, std::optional<double> shift) {
+    return checked([&] {
+        sgtd::RowShape result = sgtd::shape_of_row(rust::Str(row.data(), row.size()), given(gamma),
+                                                   given(p), given(lambda), given(shift));
+        const sgtd::Shape &shape = result.shape;
+        return RowShape{ { shape.gamma, shape.p, shape.lambda, shape.shift }, result.alpha_scale };
+    });
+}
+
+struct Ndf::Impl {
+    rust::Box<sgtd::Ndf> core;
+};
+
+Ndf::Ndf(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {}
+Ndf::~Ndf() = default;
+
+std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool visible) {
+    // One slot per distinct request. A slot has its own lock, so that scene loading threads that
+    // want different shapes do not wait for each other, and those that want the same shape build it
+    // once.
+    struct Slot {
+        std::mutex mutex;
+        std::weak_ptr<const Ndf> ndf;
+    };
+    using Key = std::tuple<double, double, double, double, double, bool>;
+    static std::mutex mutex;
+    static std::map<Key, std::shared_ptr<Slot>> slots;
+
+    std::shared_ptr<Slot> slot;
+    {
+        Key key{ shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible };
+        for (double value : { shape.gamma, shape.p, shape.lambda, shape.shift, accuracy })
+            if (value != value)
+                throw std::invalid_argument("shape parameters and accuracy must be numbers");
+        std::lock_guard<std::mutex> guard(mutex);
+        // Slots without users are dropped here: an optimization of a shape visits thousands of them
+        for (auto it = slots.begin(); it != slots.end();) {
+            bool unused = it->second.use_count() == 1 && it->second->ndf.expired();
+            it          = unused ? slots.erase(it) : std::next(it);
+        }
+        std::shared_ptr<Slot> &entry = slots[key];
+        if (!entry)
+            entry = std::make_shared<Slot>();
+        slot = entry;
+    }
+
+    std::lock_guard<std::mutex> guard(slot->mutex);
+    std::shared_ptr<const Ndf> result = slot->ndf.lock();
+    if (!result) {
+        rust::Box<sgtd::Ndf> core = checked([&] {
+            return sgtd::new_ndf({ shape.gamma, shape.p, shape.lambda, shape.shift }, accuracy,
+                                 visible);
+        });
+        result.reset(new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core) })));
+        slot->ndf = result;
+    }
+    return result;
+}
+
+Tables Ndf::tables() const {
+    sgtd::TableHeader header         = m_impl->core->header();
+    rust::Slice<const float> lambda  = m_impl->core->lambda_table();
+    rust::Slice<const float> visible = m_impl->core->visible_table();
+    Tables result;
+    result.normalization    = header.normalization;
+    result.scale            = header.scale;
+    result.accuracy_reached = header.accuracy_reached;
+    result.lambda_shift     = header.lambda_shift;
+    result.lambda_first     = header.lambda_first;
+    result.lambda_cells     = header.lambda_cells;
+    result.visible_rows     = header.visible_rows;
+    result.visible_cells    = header.visible_cells;
+    result.lambda           = { lambda.data(), lambda.size() };
+    result.visible          = { visible.data(), visible.size() };
+    return result;
+}
+
+double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {
+    return m_impl->core->d(alpha_u, alpha_v, to_core(m));
+}
+
+double Ndf::lambda(double alpha_u, double alpha_v, const Vec3 &w) const {
+    return m_impl->core->lambda(alpha_u, alpha_v, to_core(w));
+}
+
+double Ndf::pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const {
+    return m_impl->core->pdf(alpha_u, alpha_v, to_core(wi), to_core(m), visible);
+}
+
+NormalSample Ndf::sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
+                         bool visible) const {
+    sgtd::NormalSample s = m_impl->core->sample(alpha_u, alpha_v, to_core(wi), u1, u2, visible);
+    return { { s.m.x, s.m.y, s.m.z }, s.pdf, s.d_over_pdf };
+}
+
+void Ndf::d_batch(double alpha_u, double alpha_v, In m, Out out) const {
+    checked([&] { m_impl->core->d_batch(alpha_u, alpha_v, to_core(m), to_core(out)); });
+}
+
+void Ndf::lambda_batch(double alpha_u, double alpha_v, In w, Out out) const {
+    checked([&] { m_impl->core->lambda_batch(alpha_u, alpha_v, to_core(w), to_core(out)); });
+}
+
+void Ndf::g1_batch(double alpha_u, double alpha_v, In w, Out out) const {
+    checked([&] { m_impl->core->g1_batch(alpha_u, alpha_v, to_core(w), to_core(out)); });
+}
+
+void Ndf::g2_batch(double alpha_u, double alpha_v, In wi, In wo, bool correlated, Out out) const {
+    checked([&] {
+        m_impl->core->g2_batch(alpha_u, alpha_v, to_core(wi), to_core(wo), correlated,
+                               to_core(out));
+    });
+}
+
+void Ndf::pdf_batch(double alpha_u, double alpha_v, In wi, In m, bool visible, Out out) const {
+    checked([&] {
+        m_impl->core->pdf_batch(alpha_u, alpha_v, to_core(wi), to_core(m), visible, to_core(out));
+    });
+}
+
+void Ndf::sample_batch(double alpha_u, double alpha_v, In wi, In u, bool visible, Out m,
+                       Out pdf) const {
+    checked([&] {
+        m_impl->core->sample_batch(alpha_u, alpha_v, to_core(wi), to_core(u), visible, to_core(m),
+                                   to_core(pdf));
+    });
+}
+
+void Ndf::profile_batch(In x, Out out) const {
+    checked([&] { m_impl->core->profile_batch(to_core(x), to_core(out)); });
+}
+
+void Ndf::cdf_batch(In x, Out out) const {
+    checked([&] { m_impl->core->cdf_batch(to_core(x), to_core(out)); });
+}
+
+void Ndf::sf_batch(In x, Out out) const {
+    checked([&] { m_impl->core->sf_batch(to_core(x), to_core(out)); });
+}
+
+void Ndf::quantile_batch(In u, Out out) const {
+    checked([&] { m_impl->core->quantile_batch(to_core(u), to_core(out)); });
+}
+
+void Ndf::isf_batch(In s, Out out) const {
+    checked([&] { m_impl->core->isf_batch(to_core(s), to_core(out)); });
+}
+
+} // namespace sgtd::host

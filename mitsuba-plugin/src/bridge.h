@@ -1,0 +1,103 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string_view>
+
+/// The Rust core as the C++ of this folder sees it.
+///
+/// `bridge.cpp` is the only file that includes the generated cxx header. Errors of the core arrive
+/// here as `std::invalid_argument` with the core's message. Directions are unit vectors in the
+/// local frame (z is the surface normal), densities are per solid angle.
+namespace sgtd::host {
+
+/// A contiguous run of values that somebody else owns.
+template <typename T> struct Slice {
+    T *data;
+    size_t size;
+};
+
+/// Shape of a distribution at unit roughness.
+struct Shape {
+    double gamma, p, lambda, shift;
+
+    bool operator==(const Shape &s) const {
+        return gamma == s.gamma && p == s.p && lambda == s.lambda && shift == s.shift;
+    }
+};
+
+/// What a row of the family makes of the parameters that were given.
+struct RowShape {
+    Shape shape;
+    /// Factor on the roughness that the user gives: 1 but for `hyper_cauchy`.
+    double alpha_scale;
+};
+
+using Vec3 = std::array<double, 3>;
+
+struct NormalSample {
+    Vec3 m;
+    /// Density of `m` per solid angle; 0 if there is no valid sample.
+    double pdf;
+    /// D(m) / pdf, without the overflow of the quotient.
+    double d_over_pdf;
+};
+
+/// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
+struct Tables {
+    double normalization, scale, accuracy_reached;
+    uint32_t lambda_shift, lambda_first, lambda_cells, visible_rows, visible_cells;
+    Slice<const float> lambda, visible;
+};
+
+/// Shape of a named row; parameters that were left out take their defaults.
+RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
+                      std::optional<double> lambda, std::optional<double> shift);
+
+/// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).
+class Ndf {
+public:
+    /// Equal arguments share one object for as long as somebody holds it. Thread safe.
+    static std::shared_ptr<const Ndf> get(const Shape &shape, double accuracy, bool visible);
+
+    ~Ndf();
+    Ndf(const Ndf &)            = delete;
+    Ndf &operator=(const Ndf &) = delete;
+
+    /// Views into this object: valid for as long as it lives.
+    Tables tables() const;
+
+    double d(double alpha_u, double alpha_v, const Vec3 &m) const;
+    double lambda(double alpha_u, double alpha_v, const Vec3 &w) const;
+    double pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const;
+    NormalSample sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
+                        bool visible) const;
+
+    /// Batches. Directions are packed xyz, random numbers are pairs.
+    using In  = Slice<const double>;
+    using Out = Slice<double>;
+    void d_batch(double alpha_u, double alpha_v, In m, Out out) const;
+    void lambda_batch(double alpha_u, double alpha_v, In w, Out out) const;
+    void g1_batch(double alpha_u, double alpha_v, In w, Out out) const;
+    void g2_batch(double alpha_u, double alpha_v, In wi, In wo, bool correlated, Out out) const;
+    void pdf_batch(double alpha_u, double alpha_v, In wi, In m, bool visible, Out out) const;
+    void sample_batch(double alpha_u, double alpha_v, In wi, In u, bool visible, Out m,
+                      Out pdf) const;
+
+    /// Functions of the stretched radial slope alone.
+    void profile_batch(In x, Out out) const;
+    void cdf_batch(In x, Out out) const;
+    void sf_batch(In x, Out out) const;
+    void quantile_batch(In u, Out out) const;
+    void isf_batch(In s, Out out) const;
+
+private:
+    struct Impl;
+    explicit Ndf(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> m_impl;
+};
+
+} // namespace sgtd::host

@@ -1,0 +1,387 @@
+#pragma once
+
+#include <mitsuba/core/frame.h>
+#include <mitsuba/render/fwd.h>
+
+#include "azimuth.h"
+#include "sgtd_tables.h"
+
+NAMESPACE_BEGIN(mitsuba)
+
+/**
+ * A distribution of the SGTD family at given roughness, with the methods of Mitsuba's
+ * MicrofacetDistribution.
+ *
+ * Scalar variants call the Rust core, the others evaluate the same formulas in single precision on
+ * the core's tables. All formulas are in stretched slopes: a normal m has the slope (x, y) =
+ * (m.x/alpha_u, m.y/alpha_v) / m.z of radius rho, and a direction w becomes (alpha_u w.x, alpha_v
+ * w.y, w.z), normalized, with cosine c and sine s.
+ */
+template <typename Float, typename Spectrum> class SgtdDistribution {
+public:
+    MI_IMPORT_TYPES()
+    using Tables = SgtdTables<Float>;
+
+    /// What `sample` returns.
+    struct Sample {
+        /// The normal that was drawn
+        Normal3f m;
+        /// Its density per solid angle; 0 if there is no valid sample
+        Float pdf;
+        /// D(m) / pdf
+        Float d_over_pdf;
+    };
+
+    SgtdDistribution(const sgtd::host::Ndf &ndf, const Tables &tables, const Float &alpha_u,
+                     const Float &alpha_v, bool sample_visible)
+        : m_ndf(ndf), m_tables(tables), m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, 1e-4f)),
+          m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, 1e-4f)),
+          m_sample_visible(sample_visible) {}
+
+    /// D(m) per solid angle; 0 where D(m) cos(theta_m) <= 1e-20, as in MicrofacetDistribution.
+    Float eval(const Vector3f &m) const {
+        if constexpr (!dr::is_jit_v<Float>) {
+            Float d = (Float)m_ndf.d(m_alpha_u, m_alpha_v, to_core(m));
+            return d * m.z() > 1e-20f ? d : 0.f;
+        } else {
+            Float inv_z = dr::rcp(dr::maximum(m.z(), Tiny));
+            Float d     = density(slope_square(m, inv_z), dr::square(inv_z));
+            return dr::select(d * m.z() > 1e-20f, d, 0.f);
+        }
+    }
+
+    /// Smith's Lambda: the area that is masked from `v`, in units of the area that is visible.
+    Float lambda(const Vector3f &v) const {
+        if constexpr (!dr::is_jit_v<Float>) {
+            return (Float)m_ndf.lambda(m_alpha_u, m_alpha_v, to_core(v));
+        } else {
+            // Tangent of the stretched direction, with a derivative at normal incidence too
+            Float inv_a = dr::sqrt(dr::maximum(dr::fmadd(dr::square(m_alpha_u), dr::square(v.x()),
+                                                         dr::square(m_alpha_v) * dr::square(v.y())),
+                                               1e-20f)) *
+                          dr::rcp(dr::maximum(v.z(), Tiny));
+            return masked_slope(dr::rcp(inv_a)) * inv_a;
+        }
+    }
+
+    /// Masking of the facet `m` seen from `v`.
+    Float smith_g1(const Vector3f &v, const Vector3f &m) const {
+        return dr::select(faces(v, m), dr::rcp(1.f + lambda(v)), 0.f);
+    }
+
+    /// Shadowing and masking of the facet `m`, independent of each other or correlated by height.
+    Float G(const Vector3f &wi, const Vector3f &wo, const Vector3f &m,
+            bool height_correlated) const {
+        Float lambda_i = lambda(wi), lambda_o = lambda(wo);
+        Float result = height_correlated ? dr::rcp(1.f + lambda_i + lambda_o)
+                                         : dr::rcp(1.f + lambda_i) * dr::rcp(1.f + lambda_o);
+        return dr::select(faces(wi, m) && faces(wo, m), result, 0.f);
+    }
+
+    /// Density of the normals that `sample` draws, per solid angle.
+    Float pdf(const Vector3f &wi, const Vector3f &m) const {
+        if constexpr (!dr::is_jit_v<Float>) {
+            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), to_core(m),
+                                    m_sample_visible);
+        } else {
+            Float inv_z = dr::rcp(dr::maximum(m.z(), Tiny)), y = slope_square(m, inv_z), azimuthal;
+            Row row;
+            if (m_sample_visible) {
+                View view(stretch(wi));
+                row = row_of(view);
+                Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
+                Vector3f w   = view.w;
+                Float facing = dr::fmadd(w.x(), m.x() * inv_z / m_alpha_u,
+                                         dr::fmadd(w.y(), m.y() * inv_z / m_alpha_v, w.z()));
+                azimuthal    = dr::maximum(facing, 0.f) * azimuth.inv_sum / azimuth.mass;
+            } else {
+                row       = normal_row();
+                azimuthal = dr::InvPi<Float>;
+            }
+            return radial_pdf(row, y) * azimuthal * solid_angle(inv_z);
+        }
+    }
+
+    /// Draws a normal: `u.x()` selects its slope, `u.y()` its azimuth.
+    Sample sample(const Vector3f &wi, const Point2f &u) const {
+        if constexpr (!dr::is_jit_v<Float>) {
+            sgtd::host::NormalSample s =
+                m_ndf.sample(m_alpha_u, m_alpha_v, to_core(wi), u.x(), u.y(), m_sample_visible);
+            bool valid = s.pdf * s.d_over_pdf * s.m[2] > 1e-20;
+            return { Normal3f((Float)s.m[0], (Float)s.m[1], (Float)s.m[2]),
+                     valid ? (Float)s.pdf : 0.f, valid ? (Float)s.d_over_pdf : 0.f };
+        } else {
+            Float sin_phi, cos_phi, azimuthal, radial, y;
+            if (m_sample_visible) {
+                View view(stretch(wi));
+                std::tie(y, radial) = sample_radius(row_of(view), u.x());
+                Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
+                Float psi               = azimuth.solve(1.f - dr::abs(dr::fmsub(2.f, u.y(), 1.f)));
+                auto terms              = azimuth.terms(psi);
+                auto [sin_rel, cos_rel] = azimuth.sincos(terms);
+                sin_rel                 = dr::select(u.y() < .5f, -sin_rel, sin_rel);
+                sin_phi                 = dr::fmadd(view.sin_phi, cos_rel, view.cos_phi * sin_rel);
+                cos_phi                 = dr::fmsub(view.cos_phi, cos_rel, view.sin_phi * sin_rel);
+                azimuthal               = terms.slope / azimuth.mass;
+            } else {
+                std::tie(y, radial)        = sample_radius(normal_row(), u.x());
+                std::tie(sin_phi, cos_phi) = dr::sincos(dr::TwoPi<Float> * u.y());
+                azimuthal                  = dr::InvPi<Float>;
+            }
+
+            Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
+            Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
+            Float inv_z = dr::norm(m), stretched = radial * azimuthal,
+                  d = density(y, dr::square(inv_z));
+            m *= dr::rcp(inv_z);
+            Mask valid = stretched > 0.f && d > 1e-20f * inv_z;
+            return { Normal3f(m), dr::select(valid, stretched * solid_angle(inv_z), 0.f),
+                     dr::select(valid, m_tables.factor * profile(y) * inv_z / stretched, 0.f) };
+        }
+    }
+
+private:
+    /// Least cosine that is divided by
+    static constexpr float Tiny = 1e-18f;
+
+    static sgtd::host::Vec3 to_core(const Vector3f &v) {
+        return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
+    }
+
+    /// Are `v` and the normal of the surface on the same side of the facet `m`?
+    static Mask faces(const Vector3f &v, const Vector3f &m) {
+        return dr::dot(v, m) * Frame3f::cos_theta(v) > 0.f;
+    }
+
+    // ------------------------------------------------------------------
+    //  Normal distribution
+    // ------------------------------------------------------------------
+
+    /// rho squared
+    Float slope_square(const Vector3f &m, const Float &inv_z) const {
+        return dr::square(m.x() * inv_z / m_alpha_u) + dr::square(m.y() * inv_z / m_alpha_v);
+    }
+
+    /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
+    Float solid_angle(const Float &inv_z) const {
+        return inv_z * dr::square(inv_z) / (m_alpha_u * m_alpha_v);
+    }
+
+    /**
+     * Half of -ln f, f = (1 + u/(gamma-1))^(-gamma).
+     *
+     * With k = 1/(gamma-1) this is (1 + k) u phi(k u) / 2, phi(z) = ln(1+z)/z; k = 0 (gamma = inf)
+     * is no special case.
+     */
+    Float half_exponent(const Float &y) const {
+        // Below 1e-20 the derivative of the square root would not be finite
+        Float x = dr::sqrt(dr::maximum(y, 1e-20f)) - m_tables.shift;
+        x *= dr::select(x > 0.f, m_tables.inv_outer, m_tables.inv_inner);
+        Float x2 = dr::maximum(dr::square(x), 1e-30f);
+        // 2^96: u^2 and u/(gamma-1) must not overflow
+        Float power = dr::exp2(dr::minimum(m_tables.p * dr::log2(x2), 96.f)),
+              u     = dr::select(m_tables.p == 1.f, x2, power),
+              z     = dr::minimum(m_tables.inv_gamma_1 * u, 1e37f);
+        // ln(1+z) loses the digits of a small z (at 1e-4 three remain): 2 artanh(z/(2+z)) there
+        Float inv_2z = dr::rcp(2.f + z), s2 = dr::square(z * inv_2z),
+              series =
+                  2.f * inv_2z *
+                  dr::fmadd(s2,
+                            dr::fmadd(s2, dr::fmadd(s2, dr::fmadd(s2, 1.f / 9.f, 1.f / 7.f), .2f),
+                                      1.f / 3.f),
+                            1.f);
+        Float big = dr::maximum(z, .5f),
+              phi = dr::select(z < .5f, series, dr::log(1.f + big) / big);
+        return .5f * dr::fmadd(m_tables.inv_gamma_1, u, u) * phi;
+    }
+
+    /// f at rho = sqrt(y)
+    Float profile(const Float &y) const { return dr::exp(-2.f * half_exponent(y)); }
+
+    /// A f / (pi alpha_u alpha_v cos^4), squared at the end: f may underflow, 1/cos^4 overflow.
+    Float density(const Float &y, const Float &inv_z2) const {
+        return m_tables.factor / (m_alpha_u * m_alpha_v) *
+               dr::square(dr::exp(-half_exponent(y)) * inv_z2);
+    }
+
+    // ------------------------------------------------------------------
+    //  Masking
+    // ------------------------------------------------------------------
+
+    /**
+     * H(a), where Lambda = H(a)/a, by cubic Hermite interpolation.
+     *
+     * Nodes are 0 and the floating-point numbers whose lowest `lambda_shift` bits are 0.
+     */
+    Float masked_slope(const Float &a) const {
+        UInt32 last = m_tables.lambda_cells - 1u,
+               key  = dr::reinterpret_array<UInt32>(dr::detach(a)) >> m_tables.lambda_shift,
+               cell = dr::minimum(
+                   dr::maximum(key + 1u, m_tables.lambda_first) - m_tables.lambda_first, last),
+               node = cell + m_tables.lambda_first;
+        Float high  = dr::reinterpret_array<Float>(node << m_tables.lambda_shift),
+              low   = dr::select(cell == 0u, 0.f,
+                                 dr::reinterpret_array<Float>((node - 1u) << m_tables.lambda_shift)),
+              width = high - low, t = dr::clip((a - low) / width, 0.f, 1.f);
+
+        Vector2f left  = dr::gather<Vector2f>(m_tables.lambda, cell),
+                 right = dr::gather<Vector2f>(m_tables.lambda, cell + 1u);
+        Float h0 = left.x(), h1 = right.x(), d0 = left.y() * width, d1 = right.y() * width,
+              step = h1 - h0;
+        Float c2 = 3.f * step - 2.f * d0 - d1, c3 = d0 + d1 - 2.f * step;
+        return dr::maximum(dr::fmadd(t, dr::fmadd(t, dr::fmadd(t, c3, c2), d0), h0), 0.f);
+    }
+
+    // ------------------------------------------------------------------
+    //  Sampling: radius
+    // ------------------------------------------------------------------
+
+    /// A stretched direction.
+    struct View {
+        Vector3f w;
+        Float c, s, sin_phi, cos_phi;
+
+        explicit View(const Vector3f &w_) : w(w_), c(w_.z()) {
+            Float s2    = dr::square(w.x()) + dr::square(w.y());
+            Mask tilted = s2 > 1e-20f;
+            s           = dr::sqrt(dr::maximum(s2, 1e-20f));
+            Float inv_s = dr::rcp(s);
+            sin_phi     = dr::select(tilted, w.y() * inv_s, 0.f);
+            cos_phi     = dr::select(tilted, w.x() * inv_s, 1.f);
+        }
+    };
+
+    Vector3f stretch(const Vector3f &w) const {
+        return dr::normalize(Vector3f(m_alpha_u * w.x(), m_alpha_v * w.y(), w.z()));
+    }
+
+    /// Linear mixture of the rows `index` and `index + 1` of the visible-normal table.
+    struct Row {
+        UInt32 index;
+        /// Weight of the first of the two
+        Float weight;
+    };
+
+    /**
+     * Rows are spaced evenly in c / (c + s b).
+     *
+     * The distance from the last one is what is computed: far out in the tail the row before it
+     * outweighs the last one even at a weight of 1e-4, which a difference from 1 would garble.
+     */
+    Row row_of(const View &view) const {
+        Float sb = view.s * m_tables.scale, c = dr::maximum(view.c, 0.f),
+              r     = sb / dr::maximum(c + sb, Tiny) * (float)(Tables::Rows - 1);
+        UInt32 back = dr::minimum(UInt32(dr::detach(r)), Tables::Rows - 2);
+        return { (Tables::Rows - 2) - back, r - Float(back) };
+    }
+
+    /// The row of normal incidence: the distribution of D cos.
+    static Row normal_row() { return { UInt32(Tables::Rows - 2), Float(0.f) }; }
+
+    /// Index of the pair (C, g) at knot `j` in the first row of a mixture
+    static UInt32 pair_index(const Row &row, const UInt32 &j) {
+        return row.index * (Tables::Cells + 1) + j + Tables::FirstPair;
+    }
+
+    Vector2f pair(const UInt32 &index) const {
+        return dr::gather<Vector2f>(m_tables.visible, index);
+    }
+
+    static Float mix(const Row &row, const Float &first, const Float &second) {
+        return dr::fmadd(row.weight, first - second, second);
+    }
+
+    /// C, the mass above knot `j`
+    Float mass_above(const Row &row, const UInt32 &j) const {
+        UInt32 k = 2u * pair_index(row, j);
+        return mix(row, dr::gather<Float>(m_tables.visible, k),
+                   dr::gather<Float>(m_tables.visible, k + 2u * (Tables::Cells + 1u)));
+    }
+
+    /// Cell of a monotone rational-quadratic spline (Gregory & Delbourgo 1982): mass over y =
+    /// rho^2.
+    struct Cell {
+        /// Left knot, width; mass below the knot, above it, in the cell; -dC/dy at both ends
+        Float y, width, below, above, mass, g0, g1;
+
+        /// Density at the fraction tau of the cell
+        Float density(const Float &tau) const {
+            Float slope = mass / width, inv = width / dr::maximum(mass, 1e-30f), d0 = g0 * inv,
+                  d1 = g1 * inv, rest = tau * (1.f - tau);
+            Float top  = dr::fmadd(d1, dr::square(tau),
+                                   dr::fmadd(2.f, rest, d0 * dr::square(1.f - tau))),
+                  base = dr::fmadd(d0 + d1 - 2.f, rest, 1.f);
+            return dr::select(mass > 0.f, slope * top / dr::square(base), 0.f);
+        }
+
+        /// The fraction tau of the cell below which the share q of its mass lies
+        Float invert(const Float &q) const {
+            Float inv = width / dr::maximum(mass, 1e-30f), d0 = g0 * inv, d1 = g1 * inv,
+                  k = d0 + d1 - 2.f, b = dr::fnmadd(q, k, d0),
+                  root = dr::sqrt(dr::maximum(dr::fmadd(b, b, 4.f * q * (1.f - b)), 1e-30f));
+            return dr::clip(2.f * q / dr::maximum(b + root, 1e-30f), 0.f, 1.f);
+        }
+    };
+
+    Cell cell_at(const Row &row, const UInt32 &j) const {
+        // Two rows (a, b), each at the first knot and at both ends of the cell
+        UInt32 first = pair_index(row, 0u), k = first + j, stride = Tables::Cells + 1;
+        Vector2f a_first = pair(first), a0 = pair(k), a1 = pair(k + 1u),
+                 b_first = pair(first + stride), b0 = pair(k + stride), b1 = pair(k + stride + 1u);
+        Cell cell;
+        cell.y     = dr::gather<Float>(m_tables.visible, j);
+        cell.width = dr::gather<Float>(m_tables.visible, j + 1u) - cell.y;
+        cell.above = mix(row, a0.x(), b0.x());
+        // Differences within a row are exact, and may be far less than what they are taken from
+        cell.below = mix(row, a_first.x() - a0.x(), b_first.x() - b0.x());
+        cell.mass  = mix(row, a0.x() - a1.x(), b0.x() - b1.x());
+        cell.g0    = mix(row, a0.y(), b0.y());
+        cell.g1    = mix(row, a1.y(), b1.y());
+        return cell;
+    }
+
+    /// Largest j in [0, Cells) for which `holds(j)`, which is taken for granted at 0.
+    template <typename Holds> static UInt32 find_cell(const Holds &holds) {
+        static_assert((Tables::Cells & (Tables::Cells - 1)) == 0, "steps halve evenly");
+        UInt32 j = 0;
+        for (uint32_t step = Tables::Cells / 2; step > 0; step /= 2)
+            j = dr::select(holds(j + step), j + step, j);
+        return j;
+    }
+
+    /// The last cell: normals so steep that their reflection is below the horizon. Never drawn.
+    static constexpr uint32_t LostCell = Tables::Cells - 1;
+
+    /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost.
+    std::pair<Float, Float> sample_radius(const Row &row, const Float &u) const {
+        Float total = mass_above(row, 0u), target = (1.f - u) * total;
+        UInt32 j = find_cell(
+            [&](const UInt32 &k) { return dr::detach(mass_above(row, k)) >= dr::detach(target); });
+        Mask lost = j == LostCell;
+        Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
+        // Mass of the cell below the target, counted from the nearer end of the distribution
+        Float part = dr::select(u < .5f, dr::fmsub(u, total, cell.below),
+                                dr::fnmadd(1.f - u, total, cell.above)),
+              q = dr::clip(part / dr::maximum(cell.mass, 1e-30f), 0.f, 1.f), tau = cell.invert(q);
+        return { dr::fmadd(tau, cell.width, cell.y),
+                 dr::select(lost, 0.f, cell.density(tau) / total) };
+    }
+
+    /// Density of y under `sample_radius`.
+    Float radial_pdf(const Row &row, const Float &y) const {
+        UInt32 j  = find_cell([&](const UInt32 &k) {
+            return dr::gather<Float>(m_tables.visible, k) <= dr::detach(y);
+        });
+        Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
+        Float tau = dr::clip((y - cell.y) / cell.width, 0.f, 1.f);
+        return dr::select(j == LostCell, 0.f, cell.density(tau) / mass_above(row, 0u));
+    }
+
+private:
+    const sgtd::host::Ndf &m_ndf;
+    const Tables &m_tables;
+    Float m_alpha_u, m_alpha_v;
+    bool m_sample_visible;
+};
+
+NAMESPACE_END(mitsuba)

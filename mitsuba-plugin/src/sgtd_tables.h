@@ -1,0 +1,74 @@
+#pragma once
+
+#include <mitsuba/core/fwd.h>
+#include <mitsuba/core/logger.h>
+
+#include "bridge.h"
+
+NAMESPACE_BEGIN(mitsuba)
+
+/**
+ * Numbers and tables of one shape, in the form that traced code reads.
+ *
+ * All of them are opaque variables, table lengths included: a literal or a host branch would give
+ * each material a code path of its own, and lanes that mix k code paths cost about k times as much.
+ * Scalar variants call the core instead; they only need `alpha_scale`.
+ */
+template <typename Float_> struct SgtdTables {
+    using Float       = Float_;
+    using UInt32      = dr::uint32_array_t<Float>;
+    using FloatBuffer = DynamicBuffer<Float>;
+
+    /// Size of the visible-normal table. The core has the same constants; `load` compares.
+    static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
+
+    /// Factor on the roughness that the user gives
+    Float alpha_scale;
+    /// A / pi, 1 / (gamma - 1), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
+    Float factor, inv_gamma_1, p, shift, inv_outer, inv_inner;
+    /// The b of the row coordinate a / (a + b) of the visible-normal table
+    Float scale;
+    /// Masking table: bits of a that are dropped to find its cell, first cell, number of cells
+    UInt32 lambda_shift, lambda_first, lambda_cells;
+    /// Pairs (H, H') of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
+    /// visible-normal table, C the mass above the knot
+    FloatBuffer lambda, visible;
+
+    static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row) {
+        SgtdTables result;
+        if constexpr (dr::is_jit_v<Float>) {
+            const sgtd::host::Tables tables = ndf.tables();
+            const sgtd::host::Shape &shape  = row.shape;
+            if (tables.visible_rows != Rows || tables.visible_cells != Cells ||
+                tables.visible.size != 2 * (FirstPair + Rows * (Cells + 1)) ||
+                tables.lambda.size != 2 * ((size_t)tables.lambda_cells + 1))
+                Throw("sgtd: the tables of the core do not have the layout that this plugin was "
+                      "built for; rebuild the package.");
+            result.alpha_scale  = (float)row.alpha_scale;
+            result.factor       = (float)(tables.normalization / dr::Pi<double>);
+            result.inv_gamma_1  = (float)(1.0 / (shape.gamma - 1.0));
+            result.p            = (float)shape.p;
+            result.shift        = (float)shape.shift;
+            result.inv_outer    = (float)(1.0 / (1.0 + shape.lambda));
+            result.inv_inner    = (float)(1.0 / (1.0 - shape.lambda));
+            result.scale        = (float)tables.scale;
+            result.lambda_shift = tables.lambda_shift;
+            result.lambda_first = tables.lambda_first;
+            result.lambda_cells = tables.lambda_cells;
+            result.lambda       = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
+            result.visible      = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
+            dr::make_opaque(result.alpha_scale, result.factor, result.inv_gamma_1, result.p,
+                            result.shift, result.inv_outer, result.inv_inner, result.scale,
+                            result.lambda_shift, result.lambda_first, result.lambda_cells,
+                            result.lambda, result.visible);
+        } else {
+            result.alpha_scale = (Float)row.alpha_scale;
+        }
+        return result;
+    }
+
+    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, inv_gamma_1, p, shift, inv_outer, inv_inner,
+                 scale, lambda_shift, lambda_first, lambda_cells, lambda, visible)
+};
+
+NAMESPACE_END(mitsuba)

@@ -1,0 +1,72 @@
+"""Variants, and a loud line for each that cannot run here."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import subprocess
+import sys
+
+import pytest
+
+# LLVM 14 to 16 end the process on processors with AVX-512 when a minimum is compiled, hence a process of its own.
+PROBE = """
+import sys
+import mitsuba as mi, drjit as dr
+mi.set_variant(sys.argv[1])
+print(mi.BSDFContext())
+if not sys.argv[1].startswith("scalar"):
+    assert dr.minimum(dr.arange(mi.Float, 16) + dr.opaque(mi.Float, 1), 3.5)[15] == 3.5
+"""
+
+
+@functools.lru_cache(maxsize=None)
+def why_not(variant: str) -> str:
+    """Empty if the variant runs on this machine, else the reason."""
+    if variant.startswith("scalar_"):
+        return ""
+    done = subprocess.run([sys.executable, "-c", PROBE, variant], capture_output=True, text=True, timeout=120)
+    if done.returncode == 0:
+        return ""
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    return lines[-1] if lines else f"the process ended with status {done.returncode}"
+
+
+def use(variant: str) -> None:
+    """Sets a variant, or skips the test with the reason."""
+    reason = why_not(variant.replace("_spectral", "_rgb").replace("_mono", "_rgb").replace("_polarized", ""))
+    if reason:
+        pytest.skip(f"{variant} DOES NOT RUN ON THIS MACHINE: {reason}")
+    import mitsuba as mi
+    import sgtd  # noqa: F401  (puts the plugin on the search path)
+
+    mi.set_variant(variant)
+
+
+def pytest_terminal_summary(terminalreporter):
+    missing = {reason for reason in (why_not("llvm_ad_rgb"),) if reason}
+    for reason in missing:
+        terminalreporter.section("LLVM VARIANTS WERE NOT TESTED", sep="!")
+        terminalreporter.line(f"{reason}. Install LLVM 17 or newer (Debian: apt install libllvm19), then run the tests again.")
+
+
+def pytest_report_header(config):
+    found = importlib.util.find_spec("sgtd")
+    return f"sgtd: {found.origin if found else 'NOT INSTALLED: pip install ./mitsuba-plugin'}"
+
+
+@pytest.fixture
+def scalar():
+    use("scalar_rgb")
+
+
+@pytest.fixture
+def llvm():
+    use("llvm_ad_rgb")
+
+
+@pytest.fixture(params=["scalar_rgb", "llvm_ad_rgb"])
+def variant(request):
+    """Both ways through the plugin: the core per call, and the tables in traced code."""
+    use(request.param)
+    return request.param
