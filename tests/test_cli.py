@@ -19,6 +19,8 @@ import pytest
 
 from sgtd import cli, measure, variants
 from sgtd.compare import FILES
+from sgtd.render import plan_passes, render
+from sgtd.scene_graph import read_scene
 
 SCENES = sorted((Path(__file__).parents[1] / "scenes").glob("*.xml"))
 
@@ -441,6 +443,26 @@ def test_without_llvm_the_scalar_variant_is_used_and_said(scene, tmp_path):
 
 
 # --- measurements
+
+
+def test_the_halves_have_disjoint_samples_and_make_the_whole(scene):
+    mi.set_variant("scalar_rgb")
+    built = read_scene(scene, {}).build()
+    (result,) = render([built], 0, 10, lambda _: None)
+    (a, n), (b, m) = result.halves
+    assert (n + m, result.spp, result.passes) == (10, 10, 4)
+    assert np.mean(np.abs(a - b)) > 1e-3
+    assert result.rgb() == pytest.approx((n * a + m * b) / (n + m), rel=1e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("structured", [False, True])
+@pytest.mark.parametrize("scalar", [False, True])
+def test_passes_add_up_and_fit_in_memory(structured, scalar):
+    for pixels, spp in ((1, 1), (100, 3), (2_000_000, 256), (24, 1001), (50_000_000, 2)):
+        plan = plan_passes(pixels, spp, structured, scalar)
+        assert sum(plan) == spp
+        assert max(plan) - min(plan) <= 1
+        assert max(plan) * pixels <= 2**25 or max(plan) == 1
 
 
 def test_the_noise_free_rmse_finds_a_difference_below_the_noise(sgtd, scene, tmp_path):

@@ -48,7 +48,7 @@ def register() -> None:
     if mi.__version__ != MITSUBA_RELEASE:
         raise ImportError(f"sgtd was built for Mitsuba {MITSUBA_RELEASE}, but Mitsuba {mi.__version__} is installed. {mend}")
     resolver = mi.file_resolver()
-    if not resolver.contains(str(PLUGIN_DIR)):
+    if str(PLUGIN_DIR) not in map(str, resolver):
         resolver.append(str(PLUGIN_DIR))
 
 

@@ -81,7 +81,7 @@ template <typename Float> struct Azimuth {
         // Its inverse cube root to 4 %: a third of the exponent and of the mantissa below it
         Float root_3 = dr::reinterpret_array<Float>(
             0x54a2fa8cu - dr::mul_hi(dr::reinterpret_array<UInt32>(dr::maximum(cube, 1e-30f)),
-                                    UInt32(0x55555556u)));
+                                     UInt32(0x55555556u)));
         Float psi = dr::minimum(target * root_3, fixed.phi_1);
         for (int i = 0; i < 2; ++i) {
             Terms h    = fixed.terms(psi);

@@ -50,31 +50,34 @@ public:
         }
     }
 
-    /// Smith's Lambda: the area that is masked from `v`, in units of the area that is visible.
-    Float lambda(const Vector3f &v) const {
+    /**
+     * cos(theta) (1 + Lambda): the area of all facets that face `v`, seen from there.
+     *
+     * Finite where Lambda is infinite: with r = |(alpha_u v.x, alpha_v v.y)| and a = v.z / r,
+     * Lambda = H(a)/a and the area is v.z + r H(a).
+     */
+    Float facing_area(const Vector3f &v) const {
         if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)m_ndf.lambda(m_alpha_u, m_alpha_v, to_core(v));
+            return (Float)(v.z() * (1.0 + m_ndf.lambda(m_alpha_u, m_alpha_v, to_core(v))));
         } else {
-            // Tangent of the stretched direction, with a derivative at normal incidence too
-            Float inv_a = dr::sqrt(dr::maximum(dr::fmadd(dr::square(m_alpha_u), dr::square(v.x()),
-                                                         dr::square(m_alpha_v) * dr::square(v.y())),
-                                               1e-20f)) *
-                          dr::rcp(dr::maximum(v.z(), Tiny));
-            return masked_slope(dr::rcp(inv_a)) * inv_a;
+            Float r = dr::sqrt(
+                dr::maximum(dr::square(m_alpha_u * v.x()) + dr::square(m_alpha_v * v.y()), 1e-20f));
+            return dr::fmadd(r, masked_slope(v.z() / r), v.z());
         }
     }
 
     /// Masking of the facet `m` seen from `v`.
     Float smith_g1(const Vector3f &v, const Vector3f &m) const {
-        return dr::select(faces(v, m), dr::rcp(1.f + lambda(v)), 0.f);
+        return dr::select(faces(v, m), v.z() / facing_area(v), 0.f);
     }
 
-    /// Shadowing and masking of the facet `m`, independent of each other or correlated by height.
+    /// Masking and shadowing of the facet `m`, independent of each other or correlated by height.
     Float G(const Vector3f &wi, const Vector3f &wo, const Vector3f &m,
             bool height_correlated) const {
-        Float lambda_i = lambda(wi), lambda_o = lambda(wo);
-        Float result = height_correlated ? dr::rcp(1.f + lambda_i + lambda_o)
-                                         : dr::rcp(1.f + lambda_i) * dr::rcp(1.f + lambda_o);
+        Float area_i = facing_area(wi), area_o = facing_area(wo);
+        Float result = height_correlated
+                           ? wi.z() * wo.z() / dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
+                           : (wi.z() / area_i) * (wo.z() / area_o);
         return dr::select(faces(wi, m) && faces(wo, m), result, 0.f);
     }
 
@@ -98,7 +101,8 @@ public:
                 row       = normal_row();
                 azimuthal = dr::InvPi<Float>;
             }
-            return radial_pdf(row, y) * azimuthal * solid_angle(inv_z);
+            Float stretched = radial_pdf(row, y) * azimuthal;
+            return dr::select(stretched > 0.f, stretched * solid_angle(inv_z), 0.f);
         }
     }
 
@@ -218,10 +222,11 @@ private:
                key  = dr::reinterpret_array<UInt32>(dr::detach(a)) >> m_tables.lambda_shift,
                cell = dr::minimum(
                    dr::maximum(key + 1u, m_tables.lambda_first) - m_tables.lambda_first, last),
-               node = cell + m_tables.lambda_first;
-        Float high  = dr::reinterpret_array<Float>(node << m_tables.lambda_shift),
-              low   = dr::select(cell == 0u, 0.f,
-                                 dr::reinterpret_array<Float>((node - 1u) << m_tables.lambda_shift)),
+               node  = cell + m_tables.lambda_first;
+        auto node_at = [&](const UInt32 &key_) {
+            return dr::reinterpret_array<Float>(key_ << m_tables.lambda_shift);
+        };
+        Float high = node_at(node), low = dr::select(cell == 0u, 0.f, node_at(node - 1u)),
               width = high - low, t = dr::clip((a - low) / width, 0.f, 1.f);
 
         Vector2f left  = dr::gather<Vector2f>(m_tables.lambda, cell),

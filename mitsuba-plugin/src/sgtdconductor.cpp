@@ -140,13 +140,11 @@ public:
         m_sample_visible    = props.get<bool>("sample_visible", true);
         std::string masking = string::to_lower(props.get<std::string_view>("masking", "separable"));
         if (masking != "separable" && masking != "height_correlated")
-            Throw("masking: \"%s\" is not known; it must be \"separable\" or "
-                  "\"height_correlated\".",
-                  masking);
+            Throw("masking \"%s\" is unknown: choose one of separable, height_correlated", masking);
         m_height_correlated = masking == "height_correlated";
         m_accuracy          = props.get<double>("accuracy", 1e-5);
         if (!(m_accuracy >= 0.0 && m_accuracy <= 0.1))
-            Throw("accuracy: %s is out of range; it must be between 0 and 0.1.", m_accuracy);
+            Throw("parameter \"accuracy\" is %s, but must be between 0 and 0.1", m_accuracy);
 
         update_shape();
         update_flags();
@@ -278,7 +276,7 @@ private:
     static double number(const Properties &props, const char *name, double default_value) {
         double value = props.get<double>(name, default_value);
         if (!std::isfinite(value) || value < 0.0)
-            Throw("%s: %s is out of range; it must be a finite number of at least 0.", name, value);
+            Throw("parameter \"%s\" is %s, but must be a finite number of at least 0", name, value);
         return value;
     }
 
@@ -293,8 +291,8 @@ private:
             ScalarColor3f color = props.get<ScalarColor3f>(name);
             for (size_t i = 0; i < 3; ++i)
                 if (!std::isfinite(color[i]) || color[i] < 0.f)
-                    Throw("%s: %s is out of range; its parts must be finite numbers of at "
-                          "least 0.",
+                    Throw("parameter \"%s\" is %s, but its parts must be finite numbers of at "
+                          "least 0",
                           name, color);
         }
     }
@@ -309,9 +307,14 @@ private:
             m_k   = props.get_unbounded_texture<Texture>("k", 1.f);
         } else {
             if (props.has_property("eta") || props.has_property("k"))
-                Throw("material: \"%s\" is given together with eta or k; give one or the other.",
-                      material);
-            std::tie(m_eta, m_k) = complex_ior_from_file<Spectrum, Texture>(material);
+                Throw("parameters \"material\" and \"eta\" or \"k\" are given together: choose one "
+                      "or the other");
+            try {
+                std::tie(m_eta, m_k) = complex_ior_from_file<Spectrum, Texture>(material);
+            } catch (const std::exception &error) {
+                Throw("material \"%s\" is unknown: choose one of Mitsuba's metals, such as Au (%s)",
+                      material, error.what());
+            }
         }
         if (props.has_property("specular_reflectance"))
             m_specular_reflectance = props.get_texture<Texture>("specular_reflectance");
@@ -322,10 +325,11 @@ private:
             check_constant(props, name);
         bool u = props.has_property("alpha_u"), v = props.has_property("alpha_v");
         if (u != v)
-            Throw("alpha_u, alpha_v: both must be given, or neither.");
+            Throw("parameter \"%s\" is missing: give both alpha_u and alpha_v, or alpha alone",
+                  u ? "alpha_v" : "alpha_u");
         if (u && props.has_property("alpha"))
-            Throw("alpha: it is given together with alpha_u and alpha_v; give one or the "
-                  "others.");
+            Throw("parameters \"alpha\" and \"alpha_u\", \"alpha_v\" are given together: choose "
+                  "alpha alone, or the other two");
         if (u) {
             m_alpha_u = props.get_unbounded_texture<Texture>("alpha_u");
             m_alpha_v = props.get_unbounded_texture<Texture>("alpha_v");
@@ -345,13 +349,14 @@ private:
         Parameter &offset = m_parameters[Offset];
         if (props.has_property("mu")) {
             if (offset.given)
-                Throw("mu, shift: both are given; give one of them (shift = mu / alpha).");
+                Throw("parameters \"mu\" and \"shift\" are given together: choose one (shift = mu "
+                      "/ alpha)");
             Properties::Type type =
                 props.has_property("alpha") ? props.type("alpha") : Properties::Type::Float;
             if (m_alpha_u != m_alpha_v ||
                 (type != Properties::Type::Float && type != Properties::Type::Integer))
-                Throw("mu: it needs one constant alpha, because the shape depends on mu / alpha; "
-                      "with textures or two roughnesses give shift instead.");
+                Throw("parameter \"mu\" is given, but needs \"alpha\" as one number (the shape "
+                      "depends on mu / alpha): give \"shift\" instead");
             offset = { "mu", number(props, "mu", 0.0), true, true, true };
         }
 
@@ -400,13 +405,17 @@ private:
 
             double mu = m_parameters[Offset].value;
             if (!std::isfinite(mu) || mu < 0.0)
-                Throw("mu: %s is out of range; it must be a finite number of at least 0.", mu);
+                Throw("parameter \"mu\" is %s, but must be a finite number of at least 0", mu);
             // alpha_scale does not depend on the shift
             double scale =
                 sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], {}).alpha_scale;
-            double alpha = (double)dr::slice(dr::detach(m_alpha_u->mean())) * scale;
-            return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2],
-                                            mu / std::max(alpha, 1e-4));
+            double alpha = std::max((double)dr::slice(dr::detach(m_alpha_u->mean())) * scale, 1e-4);
+            try {
+                return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], mu / alpha);
+            } catch (const std::invalid_argument &error) {
+                Throw("parameter \"mu\" is %s at a roughness of %s, where %s", mu, alpha,
+                      error.what());
+            }
         } catch (const std::invalid_argument &error) {
             Throw("%s", error.what());
         }
