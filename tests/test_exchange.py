@@ -10,7 +10,6 @@ import math
 
 import mitsuba as mi
 import pytest
-
 from sgtd.errors import UserError
 from sgtd.exchange import exchange, nearest_distribution, parse_settings
 from sgtd.scene_graph import read_scene

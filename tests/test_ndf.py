@@ -39,17 +39,17 @@ def ndf_of(shape):
 
 @functools.lru_cache(maxsize=None)
 def direction_of_slope(a):
-    """A unit vector (x, 0, z) with z/x nearer to a than one rounding: the best of many neighbors, found in exact arithmetic."""
+    """A unit vector (x, 0, z) with z/x nearer to a than a rounding (2^-55 against 2^-53): the best of many neighbors, found in exact arithmetic."""
     x0 = 1.0 / np.hypot(1.0, a)
     best = None
-    for k in range(300):
-        x = x0 * (1.0 + k * 1.2345678901e-10)
+    for step in np.random.default_rng(0).random(300) * 1e-7:
+        x = x0 * (1.0 + step)
         exact = Fraction(a) * Fraction(x)
         z = float(exact)
         error = abs(Fraction(z) / exact - 1)
         if best is None or error < best[0]:
             best = (error, x, z)
-    assert best[0] < Fraction(1, 2**58)
+    assert best[0] < Fraction(1, 2**55)
     return np.array([best[1], 0.0, best[2]])
 
 
@@ -67,7 +67,7 @@ WORST = {}
 
 
 @pytest.mark.parametrize("quantity", TOLERANCE)
-@pytest.mark.parametrize("name, shape", CASES, ids=lambda v: v if isinstance(v, str) else ",".join(f"{x:g}" for x in v))
+@pytest.mark.parametrize("name, shape", CASES, ids=lambda v: v if isinstance(v, str) else ",".join(f"{x:.10g}" for x in v))
 def test_against_reference(name, shape, quantity):
     argument, expected = reference(name)[shape][quantity]
     error = sc.relative_error(computed(ndf_of(shape), quantity, argument), expected)
@@ -86,7 +86,7 @@ def test_zz_report():
 # -- inverses
 
 
-@pytest.mark.parametrize("shape", reference("profile.csv"), ids=lambda v: ",".join(f"{x:g}" for x in v))
+@pytest.mark.parametrize("shape", reference("profile.csv"), ids=lambda v: ",".join(f"{x:.10g}" for x in v))
 def test_quantile_and_cdf_are_inverse(shape):
     ndf = ndf_of(shape)
     u = np.array([1e-300, 1e-100, 1e-20, 1e-8, 1e-3, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999, 1.0 - 1e-9])
@@ -106,7 +106,7 @@ def test_quantile_and_cdf_are_inverse(shape):
     assert sc.relative_error(ndf.isf(s[upper]), x[upper]).max(initial=0) <= 1e-11
 
 
-@pytest.mark.parametrize("shape", reference("profile.csv"), ids=lambda v: ",".join(f"{x:g}" for x in v))
+@pytest.mark.parametrize("shape", reference("profile.csv"), ids=lambda v: ",".join(f"{x:.10g}" for x in v))
 def test_isf_and_sf_are_inverse(shape):
     """In the complementary function, down to 1e-300, where 1 - u is 1."""
     ndf = ndf_of(shape)
@@ -167,7 +167,8 @@ def test_continuity_across_the_shift(shape):
     x = m * (1.0 + np.arange(-4, 5) * 2.0**-52)
     for function in (ndf.cdf, ndf.sf, lambda x: ndf.lambda_(np.array([direction_of_slope(a) for a in x]))):
         values = function(x)
-        assert sc.relative_error(values, values[4]).max() < 1e-13
+        # eight neighbors of m span 2e-15 of it, and c = 0.1 makes that 1e-13 of the value
+        assert sc.relative_error(values, values[4]).max() < 5e-13
     assert ndf.profile(m) == 1.0
 
 

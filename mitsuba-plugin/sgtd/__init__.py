@@ -11,6 +11,8 @@ Importing this package makes the plugin ``sgtdconductor`` known to Mitsuba::
 The import may come before or after ``mi.set_variant``: Mitsuba has one search path for the whole process, shared by all variants and
 threads. Only ``mi.set_file_resolver`` with a new resolver loses the plugin; :func:`register` adds it again.
 
+``MITSUBA_RELEASE`` is the release of Mitsuba that the plugin was built for; it works with no other.
+
 :class:`sgtd.Ndf` evaluates the distributions over numpy arrays, without Mitsuba's variants.
 """
 
@@ -21,15 +23,14 @@ import importlib.metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ._core import mitsuba_release as MITSUBA_RELEASE
+
 if TYPE_CHECKING:
     from .ndf import Ndf
 
 __all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
-
-#: The release of Mitsuba that the plugin was built for; it works with no other.
-MITSUBA_RELEASE = "3.9.1"
 
 #: The folder that Mitsuba searches for ``plugins/sgtdconductor.so``.
 PLUGIN_DIR = Path(__file__).resolve().parent
@@ -53,14 +54,14 @@ def register() -> None:
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded on first use: numpy and the extension module are not needed to render
+    # Loaded on first use: numpy is not needed to render
     if name == "Ndf":
         return importlib.import_module(".ndf", __name__).Ndf
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(set(globals()) | set(__all__))
+    return sorted(__all__)
 
 
 register()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import click
 
@@ -186,6 +186,7 @@ def _console() -> Any:
     return console if console.is_terminal else Console(width=100)
 
 
+@final
 class _Bars:
     """Progress bars on the error stream; nothing is drawn where that is not a terminal."""
 

@@ -84,7 +84,7 @@ def _mitsuba() -> Finding:
     mend = f"pip install mitsuba=={built}"
     try:
         import mitsuba as mi
-    except Exception as error:
+    except (ImportError, OSError, RuntimeError) as error:
         return Finding("Mitsuba", "bad", one_line(error), mend)
     if built != mi.__version__:
         return Finding("Mitsuba", "bad", f"{mi.__version__} is installed; the plugin was built with {built}", mend)
@@ -113,7 +113,7 @@ def plugin_file() -> Path | None:
 def _plugin_file() -> Finding:
     try:
         found = plugin_file()
-    except Exception as error:
+    except (ImportError, OSError, RuntimeError) as error:
         return Finding("plugin", "bad", one_line(error), _INSTALL_PLUGIN)
     if found is None:
         return Finding("plugin", "bad", f"{PLUGIN} is not in Mitsuba's search path", _INSTALL_PLUGIN)

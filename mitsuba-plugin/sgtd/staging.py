@@ -11,10 +11,12 @@ import os
 import secrets
 from pathlib import Path
 from types import TracebackType
+from typing import final
 
 from .errors import UserError, os_reason
 
 
+@final
 class Staging:
     """A set of files for one folder::
 

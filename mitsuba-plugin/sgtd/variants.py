@@ -79,7 +79,7 @@ def probe(variant: str, plugin: str = "") -> Probe:
     start = time.perf_counter()
     command = [sys.executable, "-c", _PROBE, variant, plugin]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_TIMEOUT)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_TIMEOUT, check=False)
     except subprocess.TimeoutExpired:
         return Probe(variant, False, f"no answer within {PROBE_TIMEOUT:.0f} s")
     seconds = time.perf_counter() - start

@@ -60,14 +60,22 @@ std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool vi
     static std::mutex mutex;
     static std::map<Key, std::shared_ptr<Slot>> slots;
 
+    auto build = [&] {
+        rust::Box<sgtd::Ndf> core = checked([&] {
+            return sgtd::new_ndf({ shape.gamma, shape.p, shape.lambda, shape.shift }, accuracy,
+                                 visible);
+        });
+        return std::shared_ptr<const Ndf>(
+            new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core) })));
+    };
+
     std::shared_ptr<Slot> slot;
     {
         Key key{ shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible };
-        for (double value : { shape.gamma, shape.p, shape.lambda, shape.shift, accuracy })
-            if (value != value)
-                throw std::invalid_argument("shape parameters and accuracy must be numbers");
+        if (key != key)
+            return build(); // not a number: cannot be a key, and the core says which one it is
         std::lock_guard<std::mutex> guard(mutex);
-        // Slots without users are dropped here: an optimization of a shape visits thousands of them
+        // Slots without users are dropped: the optimization of a shape visits thousands of them
         for (auto it = slots.begin(); it != slots.end();) {
             bool unused = it->second.use_count() == 1 && it->second->ndf.expired();
             it          = unused ? slots.erase(it) : std::next(it);
@@ -81,11 +89,7 @@ std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool vi
     std::lock_guard<std::mutex> guard(slot->mutex);
     std::shared_ptr<const Ndf> result = slot->ndf.lock();
     if (!result) {
-        rust::Box<sgtd::Ndf> core = checked([&] {
-            return sgtd::new_ndf({ shape.gamma, shape.p, shape.lambda, shape.shift }, accuracy,
-                                 visible);
-        });
-        result.reset(new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core) })));
+        result    = build();
         slot->ndf = result;
     }
     return result;

@@ -360,16 +360,19 @@ private:
             offset = { "mu", number(props, "mu", 0.0), true, true, true };
         }
 
-        // The core knows which parameters the row leaves free: those that it accepts
+        // A parameter is free if the row accepts it beside those that were given
         sgtd::host::Shape shape = resolve(&Parameter::given).shape;
         const double values[]   = { shape.gamma, shape.p, shape.lambda };
+        std::optional<double> given[Offset];
+        for (size_t i = 0; i < Offset; ++i)
+            if (m_parameters[i].given)
+                given[i] = values[i];
         for (size_t i = 0; i < Offset; ++i) {
-            Parameter &parameter = m_parameters[i];
-            parameter.value      = values[i];
-            std::optional<double> only[Offset];
-            only[i] = values[i];
+            Parameter &parameter                = m_parameters[i];
+            std::optional<double> probe[Offset] = { given[0], given[1], given[2] };
+            parameter.value                     = *(probe[i] = values[i]);
             try {
-                sgtd::host::shape_of_row(m_row, only[0], only[1], only[2], {});
+                sgtd::host::shape_of_row(m_row, probe[0], probe[1], probe[2], {});
                 parameter.free = true;
             } catch (const std::invalid_argument &) {
                 parameter.free = false;
@@ -426,8 +429,10 @@ private:
     void update_shape() {
         try {
             sgtd::host::RowShape row = resolve(&Parameter::free);
-            if (m_current && m_current->row.shape == row.shape)
+            if (m_current && m_current->row.shape == row.shape) {
+                m_current->parameters = m_parameters;
                 return;
+            }
 
             std::optional<MicrofacetType> builtin;
             if (row.shape.shift == 0.0 && m_row == "beckmann")

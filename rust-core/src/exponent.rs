@@ -44,11 +44,21 @@ impl Exponent {
         }
     }
 
-    /// `x^−exponent` for x > 0.
+    /// `x^exponent` for x ≥ 0 where an error of 3e-16 (1 + |ln x^exponent|) will do: `exp` of `ln` takes two thirds of the
+    /// time of `powf`, which carries a logarithm of twice the length.
     #[inline]
-    pub fn reciprocal_of(self, x: f64) -> f64 {
+    pub fn fast(self, x: f64) -> f64 {
         match self {
-            Self::Real(exponent) => x.powf(-exponent),
+            Self::Real(exponent) => (exponent * x.ln()).exp(),
+            _ => self.of(x),
+        }
+    }
+
+    /// `x^−exponent` for x > 0, to the accuracy of [`Exponent::fast`].
+    #[inline]
+    pub fn fast_reciprocal(self, x: f64) -> f64 {
+        match self {
+            Self::Real(exponent) => (-exponent * x.ln()).exp(),
             _ => 1.0 / self.of(x),
         }
     }

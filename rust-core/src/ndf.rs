@@ -22,17 +22,17 @@ pub struct Roughness {
 }
 
 impl Roughness {
-    /// Validates both values: positive and finite.
+    /// Validates both values: 1e-6 … 1e6.
     ///
     /// # Errors
     /// Names the one that is not.
     pub fn new(u: f64, v: f64) -> Result<Self, ParameterError> {
         for (name, value) in [("alpha_u", u), ("alpha_v", v)] {
             require(
-                value > 0.0 && value <= 1e6,
+                (1e-6..=1e6).contains(&value),
                 name,
                 value,
-                "greater than 0 and at most 1e6",
+                "between 1e-6 and 1e6",
                 "0 is a smooth mirror: use a smooth material",
             )?;
         }
@@ -150,12 +150,13 @@ impl Ndf {
         if m.z <= 0.0 {
             return 0.0;
         }
-        let rho = norm(m.x / alpha.u, m.y / alpha.v) / m.z;
+        // two divisions where the formula has six
+        let (inverse_area, sec) = (1.0 / (alpha.u * alpha.v), 1.0 / m.z);
+        let rho = norm(m.x * alpha.v, m.y * alpha.u) * (inverse_area * sec);
         let f = self.shape_factor(rho);
-        let sec2 = 1.0 / (m.z * m.z);
-        let scale = self.factor / (alpha.u * alpha.v);
+        let (scale, sec2) = (self.factor * inverse_area, sec * sec);
         if sec2 < 1e100 {
-            scale * f * sec2 * sec2
+            finite(scale * f * sec2 * sec2)
         } else {
             // cos⁴ underflows long before the quotient overflows
             let root = f.sqrt() * sec2;

@@ -24,11 +24,6 @@ impl Width {
         let hi = 1.0 + skew;
         Self { hi, lo: skew - (hi - 1.0), inverse: 1.0 / hi }
     }
-
-    /// Its reciprocal.
-    pub fn inverse(&self) -> f64 {
-        self.inverse
-    }
 }
 
 /// A radius with its rounding error, so that steep profiles keep their digits: the value is `hi + lo`.
@@ -73,6 +68,8 @@ pub struct Side {
 
 /// Beyond this, powers of 1 + y up to γ = 16 overflow.
 const LARGEST_BASE: f64 = 1e18;
+/// Up to here the rounding of 1 + y costs less than 1e-13.
+const LARGEST_PLAIN_GAMMA: f64 = 1e3;
 /// Terms after which a series or continued fraction has long converged; the slowest (z = 0.9) needs 340.
 const CAP: usize = 2000;
 /// Up to here the power series of the lower function is used where the continued fraction does not converge.
@@ -121,15 +118,20 @@ impl Side {
         correction / self.tail.of(base)
     }
 
-    /// `g(r)` without carrying rounding errors along.
+    /// `g(r)` without carrying rounding errors along: to 1e-13, growing with −ln g and p to 1e-11 at 1e-290, p = 50.
     #[inline]
     pub fn g_fast(&self, r: f64) -> f64 {
-        let power = self.kurtosis.of(r);
+        let power = self.kurtosis.fast(r);
         if self.gamma.is_infinite() {
             return (-power).exp();
         }
         let y = power * self.inverse_less;
-        if y > LARGEST_BASE { self.g(Radius::exact(r)) } else { self.tail.reciprocal_of(1.0 + y) }
+        // The rounding of 1 + y is magnified by γ; its powers may overflow.
+        if y > LARGEST_BASE || self.gamma > LARGEST_PLAIN_GAMMA {
+            self.g(Radius::exact(r))
+        } else {
+            self.tail.fast_reciprocal(1.0 + y)
+        }
     }
 
     /// −ln g(r): how far below its peak the profile is.

@@ -15,6 +15,8 @@ pub struct SkewedT {
     side: Side,
     outer_width: Width,
     inner_width: Width,
+    /// 1/(1−λ), 1/(1+λ)
+    inverse_widths: [f64; 2],
     normalization: f64,
     /// Parts of `∫ x f dx` right and left of m.
     outer: f64,
@@ -63,6 +65,7 @@ impl SkewedT {
             side,
             outer_width: Width::new(shape.lambda()),
             inner_width: Width::new(-shape.lambda()),
+            inverse_widths: [1.0 / narrow, 1.0 / wide],
             normalization,
             outer,
             inner,
@@ -132,7 +135,8 @@ impl Profile for SkewedT {
     #[inline]
     fn f_fast(&self, x: f64) -> f64 {
         let d = x - self.shape.shift();
-        self.side.g_fast(d.abs() * if d > 0.0 { self.outer_width.inverse() } else { self.inner_width.inverse() })
+        // an index, because which side x is on cannot be predicted
+        self.side.g_fast(d.abs() * self.inverse_widths[usize::from(d > 0.0)])
     }
 
     fn normalization(&self) -> f64 {
