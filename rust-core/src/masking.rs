@@ -113,7 +113,7 @@ impl MaskingIntegral {
             let width = ends[1] - ends[0];
             nodes.extend(gauss.nodes().iter().map(|&(t, weight)| {
                 let rho = ends[0] + t * width;
-                (rho, weight * width * rho * profile.f(rho))
+                (rho, weight * width * rho * profile.f_past(ends[0], t * width))
             }));
         }
         let last = edges.last().copied().unwrap_or(1.0);
@@ -190,7 +190,7 @@ impl MaskingIntegral {
             let past = w * w;
             let rho = q + past;
             let (bracket, angle) = bracket(q, rho, past);
-            let mass = 2.0 * weight * width * w * rho * profile.f(rho);
+            let mass = 2.0 * weight * width * w * rho * profile.f_past(q, past);
             h += mass * bracket;
             s += mass * angle;
         }

@@ -36,14 +36,13 @@ pub struct Radius {
 }
 
 impl Radius {
-    /// `|x − m| / width`.
+    /// `|from + past − m| / width`, where the sum need not be representable.
     #[inline]
-    pub fn of(x: f64, m: f64, width: Width) -> Self {
-        let (far, near) = if x >= m { (x, m) } else { (m, x) };
-        let distance = far - near;
-        // Knuth's two-sum: exact whatever the magnitudes
-        let back = distance - far;
-        let distance_lo = (far - (distance - back)) - (near + back);
+    pub fn of(from: f64, past: f64, m: f64, width: Width) -> Self {
+        let (start, start_lo) = two_sum(from, -m);
+        let (distance, distance_lo) = two_sum(start, past);
+        let signed_lo = distance_lo + start_lo;
+        let (distance, distance_lo) = if distance < 0.0 { (-distance, -signed_lo) } else { (distance, signed_lo) };
         let hi = distance * width.inverse;
         let lo = (hi.mul_add(-width.hi, distance) + distance_lo - hi * width.lo) * width.inverse;
         Self { hi, lo: if lo.is_finite() { lo } else { 0.0 } }
@@ -53,6 +52,13 @@ impl Radius {
     pub fn exact(hi: f64) -> Self {
         Self { hi, lo: 0.0 }
     }
+}
+
+/// Knuth's sum: the rounded value and what rounding left out, whatever the magnitudes.
+fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let back = sum - a;
+    (sum, (a - (sum - back)) + (b - back))
 }
 
 /// One side's radial function `g(r)` and its moments.
@@ -66,8 +72,8 @@ pub struct Side {
     tail: Exponent,
 }
 
-/// Beyond this, powers of 1 + y up to γ = 16 overflow.
-const LARGEST_BASE: f64 = 1e18;
+/// Beyond this, r^(2p) and its rounding error are about to overflow.
+const LARGEST_BASE: f64 = 1e300;
 /// Up to here the rounding of 1 + y costs less than 1e-13.
 const LARGEST_PLAIN_GAMMA: f64 = 1e3;
 /// Terms after which a series or continued fraction has long converged; the slowest (z = 0.9) needs 340.
@@ -126,12 +132,8 @@ impl Side {
             return (-power).exp();
         }
         let y = power * self.inverse_less;
-        // The rounding of 1 + y is magnified by γ; its powers may overflow.
-        if y > LARGEST_BASE || self.gamma > LARGEST_PLAIN_GAMMA {
-            self.g(Radius::exact(r))
-        } else {
-            self.tail.fast_reciprocal(1.0 + y)
-        }
+        // The rounding of 1 + y is magnified by γ.
+        if self.gamma > LARGEST_PLAIN_GAMMA { self.g(Radius::exact(r)) } else { self.tail.fast_reciprocal(1.0 + y) }
     }
 
     /// −ln g(r): how far below its peak the profile is.

@@ -23,6 +23,10 @@ pub enum Tail {
 pub trait Profile: Send + Sync {
     /// `f(x)`, not normalized, for x ≥ 0.
     fn f(&self, x: f64) -> f64;
+    /// `f(from + past)` where the sum need not be representable: thin rings need it.
+    fn f_past(&self, from: f64, past: f64) -> f64 {
+        self.f(from + past)
+    }
     /// `f(x)` for rendering: plain arithmetic; its error may grow with −ln f, to 1e-11 at 1e-290.
     fn f_fast(&self, x: f64) -> f64 {
         self.f(x)

@@ -40,7 +40,7 @@ impl SkewedT {
         let side = Side::new(shape.gamma(), shape.p());
         let (m, wide, narrow) = (shape.shift(), 1.0 + shape.lambda(), 1.0 - shape.lambda());
         let outer = wide * (m * side.total(1) + wide * side.total(2));
-        let rim = Radius::of(0.0, m, Width::new(-shape.lambda()));
+        let rim = Radius::of(0.0, 0.0, m, Width::new(-shape.lambda()));
         let [j1, j2, j3] = [1, 2, 3].map(|k| side.lower(k, rim));
         let inner = narrow * (m * j1 - narrow * j2);
         let normalization = 0.5 / (outer + inner);
@@ -82,7 +82,7 @@ impl SkewedT {
 
     fn radius(&self, x: f64) -> Radius {
         let m = self.shape.shift();
-        Radius::of(x, m, if x > m { self.outer_width } else { self.inner_width })
+        Radius::of(x, 0.0, m, if x > m { self.outer_width } else { self.inner_width })
     }
 
     /// `∫_x^∞ t f dt` for x ≥ m.
@@ -130,6 +130,12 @@ const CANCELS: f64 = 0.25;
 impl Profile for SkewedT {
     fn f(&self, x: f64) -> f64 {
         self.side.g(self.radius(x))
+    }
+
+    fn f_past(&self, from: f64, past: f64) -> f64 {
+        let m = self.shape.shift();
+        let width = if from + past > m { self.outer_width } else { self.inner_width };
+        self.side.g(Radius::of(from, past, m, width))
     }
 
     #[inline]

@@ -1,0 +1,91 @@
+"""The shapes that are measured: rows of the family with their parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from .. import _core
+from ..errors import UserError
+from ..exchange import parse_settings
+from ..ndf import Ndf
+
+_PARAMETERS = ("gamma", "p", "lambda", "shift")
+
+# A heavy tail; all four parameters at work; a ring with a cusp and an exponential tail.
+DEFAULT_SHAPES = ("student:gamma=1.6", "sgtd:gamma=2.7,p=1.3,lambda=0.3,shift=0.4", "gnd:p=0.5,shift=2")
+QUICK_SHAPES = ("student:gamma=1.6",)
+
+# The homes of the published closed forms; measured as functions only.
+CLASSICS = ("ggx", "beckmann")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape: ``text`` as the user would write it, ``settings`` as the plugin reads them."""
+
+    text: str
+    settings: tuple[tuple[str, Any], ...]
+    gamma: float
+    p: float
+    lam: float
+    shift: float
+    alpha_scale: float
+
+    def ndf(self, alpha_u: float, alpha_v: float, accuracy: float) -> Ndf:
+        """The array interface at a roughness of the plugin's ``alpha``."""
+        scale = self.alpha_scale
+        return Ndf(self.gamma, self.p, self.lam, self.shift, scale * alpha_u, scale * alpha_v, accuracy)
+
+    @property
+    def is_student(self) -> bool:
+        """Student's distribution: where closed forms and the fit of 2017 hold."""
+        return self.p == 1.0 and self.lam == 0.0 and self.shift == 0.0 and math.isfinite(self.gamma)
+
+    @property
+    def is_ggx(self) -> bool:
+        return self.is_student and self.gamma == 2.0
+
+    @property
+    def is_beckmann(self) -> bool:
+        return math.isinf(self.gamma) and self.p == 1.0 and self.lam == 0.0 and self.shift == 0.0
+
+    @property
+    def slug(self) -> str:
+        """A name for files."""
+        kept = "".join(c if c.isalnum() or c in ".-" else "-" for c in self.text)
+        return kept.strip("-.")
+
+    @property
+    def title(self) -> str:
+        """For people: "student, gamma = 1.6"."""
+        row, _, rest = self.text.partition(":")
+        names = {"ggx": "GGX", "beckmann": "Beckmann", "student": "Student"}
+        head = names.get(row, row.upper())
+        return ", ".join([head, *(part.replace("=", " = ") for part in rest.split(",") if part)])
+
+
+def parse_shape(text: str) -> Shape:
+    """Reads ``row`` or ``row:gamma=1.6,p=1``; a value out of range is refused in the core's words."""
+    row, colon, rest = text.partition(":")
+    if not row or (colon and not rest):
+        raise UserError(f'--shape {text}: expected ROW or ROW:NAME=VALUE,..., as in "--shape student:gamma=1.6"')
+    settings = parse_settings([part for part in rest.split(",") if part])
+    for name in settings:
+        if name not in _PARAMETERS:
+            raise UserError(f"--shape {text}: {name} is no shape parameter; those are {', '.join(_PARAMETERS)}")
+    return make_shape(row.strip().lower(), settings)
+
+
+def make_shape(row: str, settings: dict[str, Any]) -> Shape:
+    """A row with parameters by their names in the plugin."""
+    values = [settings.get(name) for name in _PARAMETERS]
+    listing = ",".join(f"{name}={value:g}" for name, value in zip(_PARAMETERS, values) if value is not None)
+    text = f"{row}:{listing}" if listing else row
+    try:
+        gamma, p, lam, shift, alpha_scale = _core.shape_of_row(row, *values)
+    except ValueError as error:
+        raise UserError(f"--shape {text}: {error}") from error
+    given = tuple((name, value) for name, value in zip(_PARAMETERS, values) if value is not None)
+    return Shape(text, (("distribution", row), *given), gamma, p, lam, shift, alpha_scale)
