@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,4 +65,8 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-register()
+try:
+    register()
+except ImportError as error:
+    # Not fatal: arrays need no Mitsuba, and `sgtd doctor` must be able to say what is wrong
+    warnings.warn(f"the plugin sgtdconductor is not available: {error}", RuntimeWarning, stacklevel=2)

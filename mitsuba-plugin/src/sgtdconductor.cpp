@@ -209,7 +209,8 @@ public:
             m          = drawn.m;
             bs.pdf     = drawn.pdf;
             bs.wo      = reflect(si.wi, m);
-            active &= bs.pdf > 0.f && Frame3f::cos_theta(bs.wo) > 0.f && dr::dot(si.wi, m) > 0.f;
+            // A cosine below 1e-7 is the rounding of the reflection, its sign included
+            active &= bs.pdf > 0.f && Frame3f::cos_theta(bs.wo) > 1e-7f && dr::dot(si.wi, m) > 0.f;
             weight = drawn.d_over_pdf * distr.G(si.wi, bs.wo, m, m_height_correlated) *
                      dr::dot(si.wi, m) / cos_theta_i;
         }

@@ -275,9 +275,10 @@ impl Ndf {
     /// The normal of a stretched slope drawn with the given density per slope area.
     fn finish(&self, alpha: Roughness, rho: f64, slope: (f64, f64), area_density: f64) -> NormalSample {
         let m = DVec3::new(alpha.u * slope.0, alpha.v * slope.1, 1.0);
-        let m = m / m.length();
-        let pdf = area_density / (alpha.u * alpha.v * m.z * m.z * m.z);
-        let d_over_pdf = self.factor * self.shape_factor(rho) / area_density / m.z;
+        let sec = m.length();
+        let m = m * (1.0 / sec);
+        let pdf = area_density * (1.0 / (alpha.u * alpha.v)) * (sec * sec * sec);
+        let d_over_pdf = self.factor * self.shape_factor(rho) * sec / area_density;
         if m.z > 0.0 && pdf > 0.0 && pdf.is_finite() && d_over_pdf.is_finite() {
             NormalSample { m, pdf, d_over_pdf }
         } else {

@@ -171,6 +171,9 @@ impl Side {
             return 0.0;
         }
         let at = self.at(k, r);
+        if at.prefix == 0.0 {
+            return if at.fraction_converges { self.total(k) } else { 0.0 };
+        }
         if at.fraction_converges {
             self.total(k) - at.prefix * self.upper_fraction(&at) / self.two_p
         } else if at.z <= LOWER_SERIES_MAX {
