@@ -54,11 +54,12 @@ impl LambdaTable {
         let mut low = ilog2(profile.mean()).clamp(OCTAVES.0 + 1, 20) - 1;
         let error_of_first = |low: i32| {
             let end = node(2f64.powi(low));
-            error(&zero, &end, &node(0.5 * end.a))
+            [0.25, 0.5, 0.75].map(|t| error(&zero, &end, &node(t * end.a))).into_iter().fold(0.0, f64::max)
         };
         while low > OCTAVES.0 && error_of_first(low) > permitted {
             low -= 1;
         }
+        let first_error = error_of_first(low);
         let mut octaves = vec![node(2f64.powi(low))];
         while octaves.last().is_some_and(|n| n.h > 0.5 * permitted * n.a) && low + (octaves.len() as i32) < OCTAVES.1 {
             octaves.push(node(2f64.powi(low + octaves.len() as i32)));
@@ -111,7 +112,7 @@ impl LambdaTable {
             flat,
             shift,
             first: (2f32.powi(low)).to_bits() >> shift,
-            reached: reached.max(end) / SHARE + 1e-7 * SHARE,
+            reached: reached.max(end).max(first_error) / SHARE + 1e-7 * SHARE,
         }
     }
 
