@@ -1,6 +1,7 @@
 # make demo    install into .venv, render the spheres scene with both materials, say where the picture is
 # make test    formatting, lints, Rust tests, plugin build, Python tests
 # make bench   speed, as ratios measured in one run
+# make report  what accuracy costs in time: measure, and write out/accuracy/report.html
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 PYTHON ?= python3
@@ -10,7 +11,7 @@ SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pyc
            Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
 DEMO := out/demo
 
-.PHONY: demo test rust-test python-test bench format clean tools
+.PHONY: demo test rust-test python-test bench report format clean tools
 
 demo: $(VENV)/installed
 	$(BIN)/sgtd compare scenes/spheres.xml -o $(DEMO) --set distribution=student --set gamma=1.6
@@ -35,6 +36,9 @@ python-test: $(VENV)/test-tools
 bench: $(VENV)/installed
 	cargo bench --locked --bench ratios
 	$(BIN)/python benches/render.py
+
+report: $(VENV)/installed
+	$(BIN)/sgtd accuracy -o out/accuracy
 
 format: $(VENV)/test-tools
 	cargo fmt

@@ -245,7 +245,7 @@ def test_frozen_eval(llvm):
     bsdf = sc.load(gamma=1.8, p=1.2, alpha=0.3)
     params = mi.traverse(bsdf)
     seen = []
-    for changes in ({}, {"gamma": 2.5}, {"p": 2.0}, {"lambda": 0.4}, {"shift": 3.0}, {"gamma": float("inf")}, {"gamma": 2.0, "p": 1.0, "lambda": 0.0, "shift": 0.0}, {"alpha.value": 0.1}):
+    for changes in ({}, {"gamma": 2.5}, {"p": 2.0}, {"lambda": 0.4}, {"shift": 3.0}, {"gamma": float("inf")}, {"gamma": 2.0, "p": 1.0, "lambda": 0.0, "shift": 0.0}, {"alpha.value": 0.1}, {"p": 50.0}, {"p": 1.0, "shift": 500.0}, {"shift": 0.2}):
         for key, value in changes.items():
             params[key] = value
         params.update()

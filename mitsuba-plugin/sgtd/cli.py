@@ -141,6 +141,66 @@ def compare_command(
     click.echo(f"Picture: {output / PICTURE}")
 
 
+@cli.command("accuracy", short_help="Show what accuracy costs in time.")
+@click.option(
+    "--shape",
+    "shapes",
+    multiple=True,
+    metavar="ROW[:NAME=VALUE,...]",
+    help="Shape to measure; may be given several times (default: three of different kinds).",
+)
+@click.option(
+    "--scene",
+    "scenes",
+    type=_PATH,
+    multiple=True,
+    metavar="SCENE.xml",
+    help="Scene to render; may be given several times (default: spheres and a grazing view).",
+)
+@click.option(
+    "--variant",
+    "variants",
+    multiple=True,
+    help="Mitsuba variant; may be given several times (default: the one that compare takes, and scalar_rgb).",
+)
+@click.option("-o", "--output", type=_PATH, default=Path("out/accuracy"), show_default=True, help="Folder to write.")
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Of all random numbers.")
+@click.option("--quick", is_flag=True, help="A small run, to see that everything works.")
+@_DEFINE
+def accuracy_command(
+    shapes: tuple[str, ...],
+    scenes: tuple[Path, ...],
+    variants: tuple[str, ...],
+    output: Path,
+    seed: int,
+    quick: bool,
+    parameters: dict[str, str],
+) -> None:
+    """Show what accuracy costs in time: for functions, and for images.
+
+    The property "accuracy" is swept from 1e-1 to 1e-10 and 0 (quadrature). A scene of your own keeps its
+    sgtdconductors unless --shape is given; roughconductors are exchanged for the shapes.
+
+    \b
+    Examples:
+      sgtd accuracy -o out/accuracy
+      sgtd accuracy --scene my_scene.xml -o out/mine
+      sgtd accuracy --shape student:gamma=1.7 --shape sgtd:gamma=3,p=0.8,lambda=0.2 -o out/shapes
+
+    Writes report.html, plots as PNG and SVG, accuracy.json, functions.csv and images.csv.
+    """
+    from .accuracy.files import REPORT, make
+    from .accuracy.tables import print_tables
+
+    names = [_start_mitsuba(name) for name in dict.fromkeys(variants or (None,))]
+    if not variants:
+        names.append("scalar_rgb")
+    with _Bars() as bars:
+        result = make(output, shapes, scenes, tuple(dict.fromkeys(names)), parameters, seed, quick, bars.add)
+    print_tables(result, _console())
+    click.echo(f"Report: {output / REPORT}")
+
+
 @cli.command("doctor", short_help="Say what works here, and how to mend what does not.")
 def doctor_command() -> None:
     """Say what works on this machine, and how to mend what does not.
@@ -162,8 +222,8 @@ def doctor_command() -> None:
         raise SystemExit(1)
 
 
-def _start_mitsuba(requested: str | None) -> None:
-    """Sets the variant and puts the plugin on Mitsuba's search path."""
+def _start_mitsuba(requested: str | None) -> str:
+    """Sets the variant, puts the plugin on Mitsuba's search path, and returns the variant's name."""
     from .variants import choose
 
     with mitsuba_errors():
@@ -177,6 +237,7 @@ def _start_mitsuba(requested: str | None) -> None:
         mi.set_log_level(mi.LogLevel.Warn)
     if remark:
         click.echo(f"sgtd: {remark}", err=True)
+    return variant
 
 
 def _console() -> Any:

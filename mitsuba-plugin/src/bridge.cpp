@@ -103,6 +103,7 @@ Tables Ndf::tables() const {
     result.normalization    = header.normalization;
     result.scale            = header.scale;
     result.accuracy_reached = header.accuracy_reached;
+    result.steepness        = header.steepness;
     result.lambda_shift     = header.lambda_shift;
     result.lambda_first     = header.lambda_first;
     result.lambda_cells     = header.lambda_cells;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+
 #include <mitsuba/core/frame.h>
 #include <mitsuba/render/fwd.h>
 
@@ -38,16 +40,36 @@ public:
           m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, 1e-4f)),
           m_sample_visible(sample_visible) {}
 
-    /// D(m) per solid angle; 0 where D(m) cos(theta_m) <= 1e-20, as in MicrofacetDistribution.
-    Float eval(const Vector3f &m) const {
+    /**
+     * D(m) per solid angle for the half vector m of `wi` and `wo`; 0 where D(m) cos(theta_m) <=
+     * 1e-20, as in MicrofacetDistribution.
+     *
+     * The half vector is not given but formed here: rounded to single precision, its slope moves
+     * thin rings and steep edges by more than D can bear.
+     */
+    Float eval(const Vector3f &wi, const Vector3f &wo) const {
+        Float d, z;
         if constexpr (!dr::is_jit_v<Float>) {
-            Float d = (Float)m_ndf.d(m_alpha_u, m_alpha_v, to_core(m));
-            return d * m.z() > 1e-20f ? d : 0.f;
+            sgtd::host::Vec3 h = to_core(wi), w = to_core(wo);
+            double square = 0.0;
+            for (size_t i = 0; i < 3; ++i) {
+                h[i] += w[i];
+                square += h[i] * h[i];
+            }
+            double inv_length = 1.0 / std::sqrt(square);
+            for (double &component : h)
+                component *= inv_length;
+            d = (Float)m_ndf.d(m_alpha_u, m_alpha_v, h);
+            z = (Float)h[2];
         } else {
-            Float inv_z = dr::rcp(dr::maximum(m.z(), Tiny));
-            Float d     = density(slope_square(m, inv_z), dr::square(inv_z));
-            return dr::select(d * m.z() > 1e-20f, d, 0.f);
+            Vector3f m    = dr::normalize(wi + wo);
+            Float inv_z   = dr::rcp(dr::maximum(m.z(), LeastCos));
+            Float halfexp = m_tables.steep ? steep_half_exponent(wi, wo)
+                                           : m_tables.profile.half_exponent(slope_square(m, inv_z));
+            d             = density(halfexp, dr::square(inv_z));
+            z             = m.z();
         }
+        return dr::select(d * z > 1e-20f, d, 0.f);
     }
 
     /**
@@ -87,7 +109,8 @@ public:
             return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), to_core(m),
                                     m_sample_visible);
         } else {
-            Float inv_z = dr::rcp(dr::maximum(m.z(), Tiny)), y = slope_square(m, inv_z), azimuthal;
+            Float inv_z = dr::rcp(dr::maximum(m.z(), LeastCos)), y = slope_square(m, inv_z),
+                  azimuthal;
             Row row;
             if (m_sample_visible) {
                 View view(stretch(wi));
@@ -136,7 +159,7 @@ public:
             Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
             Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
             Float inv_z = dr::norm(m), stretched = radial * azimuthal,
-                  d = density(y, dr::square(inv_z));
+                  d = density(m_tables.profile.half_exponent(y), dr::square(inv_z));
             m *= dr::rcp(inv_z);
             Mask valid = stretched > 0.f && d > 1e-20f * inv_z;
             return { Normal3f(m), dr::select(valid, stretched * solid_angle(inv_z), 0.f),
@@ -145,8 +168,8 @@ public:
     }
 
 private:
-    /// Least cosine that is divided by
-    static constexpr float Tiny = 1e-18f;
+    /// Least cosine of a normal that is divided by: the fourth power of its inverse is finite
+    static constexpr float LeastCos = 1e-9f;
 
     static sgtd::host::Vec3 to_core(const Vector3f &v) {
         return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
@@ -166,46 +189,29 @@ private:
         return dr::square(m.x() * inv_z / m_alpha_u) + dr::square(m.y() * inv_z / m_alpha_v);
     }
 
+    /// Half of -ln f at the half vector of two directions, in double precision.
+    Float steep_half_exponent(const Vector3f &wi, const Vector3f &wo) const {
+        using Double = typename Tables::Double;
+        Double inv_z = dr::rcp(dr::maximum(Double(wi.z()) + Double(wo.z()), (double)LeastCos)),
+               x     = (Double(wi.x()) + Double(wo.x())) * inv_z / Double(m_alpha_u),
+               y     = (Double(wi.y()) + Double(wo.y())) * inv_z / Double(m_alpha_v);
+        return Float(m_tables.precise.half_exponent(dr::fmadd(x, x, dr::square(y))));
+    }
+
     /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
     Float solid_angle(const Float &inv_z) const {
         return inv_z * dr::square(inv_z) / (m_alpha_u * m_alpha_v);
     }
 
-    /**
-     * Half of -ln f, f = (1 + u/(gamma-1))^(-gamma).
-     *
-     * With k = 1/(gamma-1) this is (1 + k) u phi(k u) / 2, phi(z) = ln(1+z)/z; k = 0 (gamma = inf)
-     * is no special case.
-     */
-    Float half_exponent(const Float &y) const {
-        // Below 1e-20 the derivative of the square root would not be finite
-        Float x = dr::sqrt(dr::maximum(y, 1e-20f)) - m_tables.shift;
-        x *= dr::select(x > 0.f, m_tables.inv_outer, m_tables.inv_inner);
-        Float x2 = dr::maximum(dr::square(x), 1e-30f);
-        // 2^96: u^2 and u/(gamma-1) must not overflow
-        Float power = dr::exp2(dr::minimum(m_tables.p * dr::log2(x2), 96.f)),
-              u     = dr::select(m_tables.p == 1.f, x2, power),
-              z     = dr::minimum(m_tables.inv_gamma_1 * u, 1e37f);
-        // ln(1+z) loses the digits of a small z (at 1e-4 three remain): 2 artanh(z/(2+z)) there
-        Float inv_2z = dr::rcp(2.f + z), s2 = dr::square(z * inv_2z),
-              series =
-                  2.f * inv_2z *
-                  dr::fmadd(s2,
-                            dr::fmadd(s2, dr::fmadd(s2, dr::fmadd(s2, 1.f / 9.f, 1.f / 7.f), .2f),
-                                      1.f / 3.f),
-                            1.f);
-        Float big = dr::maximum(z, .5f),
-              phi = dr::select(z < .5f, series, dr::log(1.f + big) / big);
-        return .5f * dr::fmadd(m_tables.inv_gamma_1, u, u) * phi;
+    /// f at rho = sqrt(y)
+    Float profile(const Float &y) const {
+        return dr::exp(-2.f * m_tables.profile.half_exponent(y));
     }
 
-    /// f at rho = sqrt(y)
-    Float profile(const Float &y) const { return dr::exp(-2.f * half_exponent(y)); }
-
     /// A f / (pi alpha_u alpha_v cos^4), squared at the end: f may underflow, 1/cos^4 overflow.
-    Float density(const Float &y, const Float &inv_z2) const {
+    Float density(const Float &half_exponent, const Float &inv_z2) const {
         return m_tables.factor / (m_alpha_u * m_alpha_v) *
-               dr::square(dr::exp(-half_exponent(y)) * inv_z2);
+               dr::square(dr::exp(-half_exponent) * inv_z2);
     }
 
     // ------------------------------------------------------------------
@@ -275,7 +281,7 @@ private:
      */
     Row row_of(const View &view) const {
         Float sb = view.s * m_tables.scale, c = dr::maximum(view.c, 0.f),
-              r     = sb / dr::maximum(c + sb, Tiny) * (float)(Tables::Rows - 1);
+              r     = sb / dr::maximum(c + sb, 1e-18f) * (float)(Tables::Rows - 1);
         UInt32 back = dr::minimum(UInt32(dr::detach(r)), Tables::Rows - 2);
         return { (Tables::Rows - 2) - back, r - Float(back) };
     }

@@ -517,23 +517,24 @@ private:
         } else {
             Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
             if constexpr (Value) {
-                D = distr.eval(m);
+                D = distr.eval(si.wi, wo);
                 G = distr.G(si.wi, wo, m, m_height_correlated);
             }
             if constexpr (Pdf)
-                pdf = distr.pdf(si.wi, m) / (4.f * dr::dot(wo, m));
+                pdf = distr.pdf(si.wi, m) / (4.f * dr::maximum(dr::dot(wo, m), 1e-18f));
         }
 
         Spectrum value(0.f);
         if constexpr (Value) {
             UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
-            Mask lit                   = active && D != 0.f;
+            // Within 1e-18 of grazing, D and 1/cos leave single precision
+            Mask lit = active && D > 0.f && dr::all(dr::isfinite(result));
             Spectrum F                 = reflectance(ctx, si, wo, m, lit);
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
         }
-        return { value, dr::select(active, pdf, 0.f) };
+        return { value, dr::select(active && dr::isfinite(pdf), pdf, 0.f) };
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
@@ -541,13 +542,16 @@ private:
     Spectrum reflectance(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
                          const Vector3f &m, Mask active) const {
         dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
+        // Below 1e-10 the square of the cosine is 0, and Fresnel's equations are 0/0 for eta = 1
+        auto cosine = [&](const Vector3f &w) {
+            return UnpolarizedSpectrum(dr::maximum(dr::dot(w, m), 1e-10f));
+        };
         if constexpr (is_polarized_v<Spectrum>) {
             // Light travels along -to_light and leaves along to_eye; an adjoint query swaps the two
             bool radiance     = ctx.mode == TransportMode::Radiance;
             Vector3f to_light = radiance ? wo : si.wi, to_eye = radiance ? si.wi : wo;
 
-            Spectrum M =
-                mueller::specular_reflection(UnpolarizedSpectrum(dr::dot(to_light, m)), eta);
+            Spectrum M = mueller::specular_reflection(cosine(to_light), eta);
 
             // M refers to axes perpendicular to the plane of incidence. Any axis will do where
             // there is no such plane.
@@ -560,7 +564,7 @@ private:
                                                  mueller::stokes_basis(-to_light), to_eye, axis_out,
                                                  mueller::stokes_basis(to_eye));
         } else {
-            return fresnel_conductor(UnpolarizedSpectrum(dr::dot(si.wi, m)), eta);
+            return fresnel_conductor(cosine(si.wi), eta);
         }
     }
 

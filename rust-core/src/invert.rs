@@ -4,12 +4,16 @@
 pub struct Monotone<'a> {
     /// Positive, monotone, between 0 and 1.
     pub value: &'a dyn Fn(f64) -> f64,
+    /// Whether it rises; its derivative may have underflowed to 0 and cannot tell.
+    pub rising: bool,
     /// Its derivative.
     pub slope: &'a dyn Fn(f64) -> f64,
 }
 
 /// Steps after which bisection alone has exhausted all 2¹¹ exponents and 52 bits of the argument.
 const CAP: usize = 200;
+/// Arguments end here, so that they do not overflow when divided by the width of a narrow side.
+const X_MAX: f64 = 1e304;
 
 /// Finds x with `value(x) = target` for 0 ≤ target ≤ 1; 0 or ∞ where the target is at the end of the range.
 ///
@@ -17,7 +21,7 @@ const CAP: usize = 200;
 /// value has underflowed to 0, the bracket is halved (geometrically) instead. The result is a fixed point to the last
 /// two bits of x.
 pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
-    let rising = (function.slope)(start) >= 0.0;
+    let rising = function.rising;
     if target <= 0.0 {
         return if rising { 0.0 } else { f64::INFINITY };
     }
@@ -27,6 +31,8 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
     let (mut low, mut high) = (0.0_f64, f64::INFINITY);
     let mut x = start;
     let log_target = target.ln();
+    // squared by each step out of reach of Newton's: a quantile may lie at 1e299, and the density is 0 long before
+    let mut reach = 16.0_f64;
     for _ in 0..CAP {
         let value = (function.value)(x);
         if value == target {
@@ -42,17 +48,23 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
             // d ln value / d ln x = x slope / value
             let difference = (target - value) / value;
             let log_ratio = if difference.abs() < 0.5 { difference.ln_1p() } else { log_target - value.ln() };
-            x * (log_ratio * value / (x * slope)).exp()
+            x + x * (log_ratio * value / (x * slope)).exp_m1()
         } else {
             f64::NAN
         };
+        // Newton's step back to an end of the bracket: the root lies closer to it than to x.
+        if next == low && low > 0.0 || next == high && high < X_MAX {
+            return next;
+        }
         let inside = next > low && next < high;
         let step = if inside && next < 16.0 * x && next > x / 16.0 {
             next
-        } else if low == 0.0 {
-            x.min(high) / 16.0
-        } else if high.is_infinite() {
-            x.max(low) * 16.0
+        } else if low == 0.0 || high.is_infinite() {
+            let away = if low == 0.0 { x.min(high) / reach } else { x.max(low) * reach };
+            reach = (reach * reach).min(1e16);
+            away.min(X_MAX)
+        } else if high < 2.0 * low {
+            low + 0.5 * (high - low)
         } else {
             low.sqrt() * high.sqrt()
         };

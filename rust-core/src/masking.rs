@@ -50,7 +50,7 @@ const FLOOR: f64 = 1e-10;
 #[derive(Debug, Clone)]
 pub struct MaskingIntegral {
     panels: Vec<Panel>,
-    /// (ρ, weight · ρ · f), `points` per panel
+    /// (ρ − left end, weight · ρ · f), `points` per panel
     nodes: Vec<(f64, f64)>,
     points: usize,
     factor: f64,
@@ -112,8 +112,8 @@ impl MaskingIntegral {
         for ends in edges.windows(2) {
             let width = ends[1] - ends[0];
             nodes.extend(gauss.nodes().iter().map(|&(t, weight)| {
-                let rho = ends[0] + t * width;
-                (rho, weight * width * rho * profile.f_past(ends[0], t * width))
+                let past = t * width;
+                (past, weight * width * (ends[0] + past) * profile.f_past(ends[0], past))
             }));
         }
         let last = edges.last().copied().unwrap_or(1.0);
@@ -137,8 +137,8 @@ impl MaskingIntegral {
             let own = if left > 0.0 { left } else { right };
             let mut sum = Moments::default();
             sum.add_scaled(&beyond, unit / own);
-            for &(rho, mass) in nodes {
-                sum.add(rho / own, mass);
+            for &(past, mass) in nodes {
+                sum.add((left + past) / own, mass);
             }
             panels.push(Panel { left, right, beyond: sum });
             (beyond, unit) = (sum, own);
@@ -195,10 +195,16 @@ impl MaskingIntegral {
             s += mass * angle;
         }
         let far = self.panels.partition_point(|panel| panel.left < FAR * q).max(next);
-        for &(rho, mass) in &self.nodes[next * self.points..far * self.points] {
-            let (bracket, angle) = bracket(q, rho, rho - q);
-            h += mass * bracket;
-            s += mass * angle;
+        let near = next..far;
+        let nodes = self.nodes[next * self.points..far * self.points].chunks(self.points);
+        for (panel, nodes) in self.panels[near].iter().zip(nodes) {
+            // first the difference of two numbers that are exact: ρ − q would lose what a ring of m = 1000 is made of
+            let gap = panel.left - q;
+            for &(past, mass) in nodes {
+                let (bracket, angle) = bracket(q, panel.left + past, gap + past);
+                h += mass * bracket;
+                s += mass * angle;
+            }
         }
         if let Some(panel) = self.panels.get(far) {
             let (far_h, far_s) = panel.beyond.kernel_sums(q / panel.left);

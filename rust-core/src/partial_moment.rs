@@ -139,7 +139,12 @@ impl Side {
     /// −ln g(r): how far below its peak the profile is.
     pub fn depth(&self, r: f64) -> f64 {
         let u = r.powf(self.two_p);
-        if self.gamma.is_infinite() { u } else { self.gamma * (u / (self.gamma - 1.0)).ln_1p() }
+        if self.gamma.is_infinite() {
+            return u;
+        }
+        let y = u * self.inverse_less;
+        // where r^(2p) overflows (p = 1: at 1e154) power tails have most of their way to 1e-300 still before them
+        self.gamma * if y > LARGEST_BASE { self.two_p * r.ln() + self.inverse_less.ln() } else { y.ln_1p() }
     }
 
     /// Inverse of [`Side::depth`].
@@ -190,7 +195,7 @@ impl Side {
         }
         let at = self.at(k, r);
         if at.prefix == 0.0 {
-            return 0.0;
+            return if at.fraction_converges { 0.0 } else { self.total(k) };
         }
         if at.fraction_converges {
             at.prefix * self.upper_fraction(&at) / self.two_p
@@ -209,9 +214,13 @@ impl Side {
             (0.0, 1.0, u)
         } else {
             let y = u / (self.gamma - 1.0);
-            let x = 1.0 / (1.0 + y);
-            // γ z, which tends to u as γ → ∞; y may be infinite, z is 1 then
-            (if y.is_finite() { y * x } else { 1.0 }, x, if y.is_finite() { self.gamma * y * x } else { self.gamma })
+            if y > LARGEST_BASE {
+                (1.0, 0.0, self.gamma)
+            } else {
+                let x = 1.0 / (1.0 + y);
+                // γ z, which tends to u as γ → ∞
+                (y * x, x, self.gamma * y * x)
+            }
         };
         // r^k g(r) by parts where r^k alone would overflow.
         let g = self.g(radius);

@@ -170,7 +170,7 @@ impl Profile for SkewedT {
             return self.isf(1.0 - u);
         }
         let density = |x: f64| 2.0 * self.normalization * x * self.f(x);
-        invert::solve(&Monotone { value: &|x| self.cdf(x), slope: &density }, u, self.start())
+        invert::solve(&Monotone { value: &|x| self.cdf(x), rising: true, slope: &density }, u, self.start())
     }
 
     fn isf(&self, u: f64) -> f64 {
@@ -178,7 +178,7 @@ impl Profile for SkewedT {
             return self.quantile(1.0 - u);
         }
         let density = |x: f64| -2.0 * self.normalization * x * self.f(x);
-        invert::solve(&Monotone { value: &|x| self.sf(x), slope: &density }, u, self.start())
+        invert::solve(&Monotone { value: &|x| self.sf(x), rising: false, slope: &density }, u, self.start())
     }
 
     fn mean(&self) -> f64 {

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import mitsuba_errors
-from .errors import Spread, Collector
+from .errors import DENSITY_FLOOR, Collector, Spread
 from .inputs import uniform
 from .shapes import Shape
 
@@ -47,14 +47,14 @@ def material_errors(
     half = unit_i + unit_o
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     reference = exact.d(half) * exact.g2(unit_i, unit_o) / (4.0 * unit_i[:, 2])
-    counted = reference > 1e-20
+    counted = exact.d(half) * half[:, 2] > DENSITY_FLOOR
     result = {}
     for setting in settings:
         with mitsuba_errors(f"while evaluating {shape.text}"):
             bsdf = mi.load_dict({"type": "sgtdconductor", "alpha": _ALPHA, "accuracy": setting, **dict(shape.settings)})
             values = _one_by_one(bsdf, wi, wo) if scalar else _at_once(bsdf, wi, wo)
         collector = Collector()
-        collector.add("random", np.abs(values / reference - 1.0)[counted])
+        collector.add("random", np.abs(values[counted] / reference[counted] - 1.0))
         result[setting] = PrecisionErrors(variant, collector.spread(), int(counted.sum()))
     return result
 

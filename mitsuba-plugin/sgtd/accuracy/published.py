@@ -17,6 +17,9 @@ from .shapes import Shape
 
 Function = Callable[[np.ndarray], np.ndarray]
 
+# Nodes of the naive quadrature.
+ORDERS = (8, 16, 32, 64, 128)
+
 # Values in one NumPy operation at most, so that intermediate arrays stay in the cache.
 _CHUNK = 4096
 
@@ -30,7 +33,7 @@ class Line:
     evaluate: Function
 
 
-def masking_lines(shape: Shape, orders: tuple[int, ...] = (8, 16, 32, 64, 128)) -> list[Line]:
+def masking_lines(shape: Shape, orders: tuple[int, ...] = ORDERS) -> list[Line]:
     """Ways to compute Smith's Lambda for this shape."""
     lines = []
     if shape.is_ggx:
@@ -160,7 +163,9 @@ def over_directions(line: Function, alpha_u: float, alpha_v: float, w: np.ndarra
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):
         for k in range(0, len(w), _CHUNK):
             x, y, z = w[k : k + _CHUNK].T
-            parts.append(line(z / np.hypot(alpha_u * x, alpha_v * y)))
+            a = z / np.hypot(alpha_u * x, alpha_v * y)
+            # the normal itself has no masking; every renderer asks for that before it asks the formula
+            parts.append(np.where(np.isinf(a), 0.0, line(a)))
     return np.concatenate(parts)
 
 

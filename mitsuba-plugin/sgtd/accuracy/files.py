@@ -1,0 +1,46 @@
+"""The command from end to end: measures, and writes all files or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import UserError
+from ..staging import Staging
+from . import page, plots, study, tables
+
+REPORT = "report.html"
+
+
+def make(
+    folder: Path,
+    shapes: tuple[str, ...],
+    scenes: tuple[Path, ...],
+    variants: tuple[str, ...],
+    parameters: dict[str, str],
+    seed: int,
+    quick: bool,
+    steps: study.Steps,
+) -> study.Study:
+    """Measures and writes ``report.html``, the plots, and the numbers as JSON and CSV into the folder."""
+    _check_imports()
+    with Staging(folder) as staging:
+        result = study.run(shapes, scenes, variants, parameters, seed, quick, steps)
+        done = steps("writing", 1)
+        main, functions, pictures = plots.draw_all(result)
+        for plot in (main, *functions, *pictures):
+            staging.path(f"{plot.name}.png").write_bytes(plot.png)
+            staging.path(f"{plot.name}.svg").write_bytes(plot.svg)
+        top = [functions[0], *pictures[:1]]
+        staging.path(REPORT).write_text(page.render(result, top, functions, pictures), encoding="utf-8")
+        tables.write(result, staging.path)
+        done(1)
+    return result
+
+
+def _check_imports() -> None:
+    """What the report needs beyond rendering, before anything is measured."""
+    for module, package in (("scipy", "scipy"), ("jinja2", "jinja2"), ("matplotlib", "matplotlib")):
+        try:
+            __import__(module)
+        except ImportError as error:
+            raise UserError(f"the package {package} is missing: pip install {package}") from error

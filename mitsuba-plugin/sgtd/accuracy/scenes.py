@@ -1,0 +1,99 @@
+"""Scenes for the images: any scene file with one shape and one setting of the dial, at a size that can be afforded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import PLUGIN_DIR
+from ..errors import UserError, mitsuba_errors
+from ..exchange import RIGHT, exchange
+from ..scene_graph import SceneGraph, read_scene
+from .shapes import Shape, make_shape
+
+# The scenes of the default report: highlights from a distance, and a floor seen along its length.
+DEFAULT_SCENES = ("spheres.xml", "grazing.xml")
+
+_FILMS = ("hdrfilm", "specfilm")
+_FILM_SIZE = (768, 576)  # Mitsuba's own default
+
+# Integrators that can hide the lights that the camera sees directly.
+_HIDING = ("path", "direct", "volpath", "volpathmis")
+
+# At most so many different shapes of a user's scene are measured as functions.
+_MOST_OWN_SHAPES = 4
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file, read in the current variant."""
+
+    path: Path
+    graph: SceneGraph
+    size: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    def build(self, shape: Shape | None, setting: float, visible: bool = True) -> Any:
+        """The scene with all metals of this shape (None: as in the file) at this setting."""
+        settings = dict(shape.settings) if shape else {}
+        pair = exchange(self.graph, settings)
+        for node in pair.right.materials(RIGHT):
+            node.props["accuracy"] = setting
+            if not visible:
+                node.props["sample_visible"] = False
+        return pair.right.build()
+
+
+def default_scenes() -> tuple[Path, ...]:
+    """The project's scenes: installed with the package, or in the checkout around it."""
+    folders = (PLUGIN_DIR / "scenes", Path("scenes"))
+    for folder in folders:
+        if all((folder / name).is_file() for name in DEFAULT_SCENES):
+            return tuple(folder / name for name in DEFAULT_SCENES)
+    raise UserError("the default scenes are missing: name a scene file with --scene")
+
+
+def load(path: Path, parameters: dict[str, str], pixels: int) -> SceneFile:
+    """Reads a scene and lowers its resolution to about so many pixels; proportions stay.
+
+    Lights are hidden from the camera: the edge of a lamp that is seen directly has more noise than everything that a
+    material does.
+    """
+    graph = read_scene(path, parameters)
+    size = (0, 0)
+    for film in _FILMS:
+        for node in graph.materials(film):  # nodes by plugin, whatever their kind
+            size = _shrink(node.props, pixels)
+    for integrator in _HIDING:
+        for node in graph.materials(integrator):
+            node.props["hide_emitters"] = True
+    return SceneFile(path, graph, size)
+
+
+def _shrink(props: Any, pixels: int) -> tuple[int, int]:
+    """Lowers a film's resolution; one with a crop window is left alone."""
+    width, height = (int(props[name]) if name in props else size for name, size in zip(("width", "height"), _FILM_SIZE))
+    factor = math.sqrt(pixels / (width * height))
+    if factor >= 1.0 or any(name.startswith("crop_") for name in props.keys()):
+        return width, height
+    size = max(1, round(width * factor)), max(1, round(height * factor))
+    props["width"], props["height"] = size
+    return size
+
+
+def own_shapes(scene: SceneFile) -> list[Shape]:
+    """The shapes that a scene's own sgtdconductors have; those that no array can have (``mu``) are left out."""
+    found: dict[str, Shape] = {}
+    for node in scene.graph.materials(RIGHT):
+        props = node.props
+        row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
+        values = {name: float(props[name]) for name in ("gamma", "p", "lambda", "shift") if name in props}
+        with mitsuba_errors(scene.graph.place(node)):
+            shape = make_shape(row, values)
+        found.setdefault(shape.text, shape)
+    return list(found.values())[:_MOST_OWN_SHAPES]

@@ -1,0 +1,265 @@
+"""Runs everything that the report shows."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, images, published, scenes, stopwatch
+from .errors import (
+    MaskingErrors,
+    SamplingErrors,
+    Spread,
+    density_errors,
+    masking_errors,
+    published_way,
+    sampling_errors,
+    table_way,
+)
+from .precision import PrecisionErrors, material_errors
+from .shapes import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, Shape, parse_shape
+
+# Gets the name of a step and its length, and returns the call that advances it.
+Steps = Callable[[str, int], Callable[[int], None]]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured."""
+
+    settings: tuple[float, ...]
+    orders: tuple[int, ...]
+    arguments: int
+    repetitions: int
+    pixels: int
+    batches: int
+    spp_scalar: int
+    spp_jit: int
+    equal_time_repetitions: int
+    equal_time_budget: float
+
+
+FULL = Effort(SETTINGS, published.ORDERS, 30_000, 25, 16_000, 8, 4, 16, 5, 12.0)
+QUICK = Effort(QUICK_SETTINGS, (16, 64), 3_000, 3, 1_500, 3, 2, 4, 2, 1.0)
+
+
+@dataclass
+class FunctionStudy:
+    """One shape, as functions. Keys of the dictionaries are settings as text ("1e-05"), or names of formulas."""
+
+    shape: Shape
+    masking: dict[str, MaskingErrors]
+    density: dict[str, Spread]
+    sampling: dict[str, SamplingErrors]
+    dcos: SamplingErrors
+    precision: dict[str, dict[float, PrecisionErrors]] = field(default_factory=dict)
+
+
+@dataclass
+class Study:
+    """All that the report is made from."""
+
+    settings: tuple[float, ...]
+    seed: int
+    quick: bool
+    machine: dict[str, str]
+    functions: list[FunctionStudy]
+    clocks: dict[int, stopwatch.Stopwatch]
+    images: list[images.ImageStudy]
+    advice: list[advice.Advice]
+    text: str
+    seconds: float
+    references: dict[tuple[str, str, str], tuple[float, float]]
+
+    @property
+    def one(self) -> stopwatch.Stopwatch:
+        """The times on one core."""
+        return self.clocks[1]
+
+    @property
+    def all(self) -> stopwatch.Stopwatch:
+        """The times on all cores."""
+        return self.clocks[max(self.clocks)]
+
+
+def run(
+    shape_texts: tuple[str, ...],
+    scene_paths: tuple[Path, ...],
+    variants: tuple[str, ...],
+    parameters: dict[str, str],
+    seed: int,
+    quick: bool,
+    steps: Steps,
+) -> Study:
+    """Measures; everything that can be refused is refused before the first measurement."""
+    import mitsuba as mi
+
+    start = time.perf_counter()
+    effort = QUICK if quick else FULL
+    mi.set_variant(variants[0])
+    paths = scene_paths or scenes.default_scenes()
+    loaded = {path: scenes.load(path, parameters, effort.pixels) for path in paths}
+    shapes, plan = _shapes(shape_texts, bool(scene_paths), loaded, quick)
+    for path, shape in plan:  # one build of each, so that a scene without metals is refused now
+        loaded[path].build(shape, DEFAULT_SETTING)
+
+    measured = list(shapes)
+    if not quick:
+        known = {(shape.gamma, shape.p, shape.lam, shape.shift) for shape in shapes}
+        classics = [parse_shape(name) for name in CLASSICS]
+        measured += [c for c in classics if (c.gamma, c.p, c.lam, c.shift) not in known]
+
+    advance = steps("errors", len(measured) * 3)
+    functions = [_functions(shape, effort, seed, variants, advance) for shape in measured]
+
+    clocks = {}
+    for threads in sorted({1, _cores()}):
+        name = "times, 1 core" if threads == 1 else f"times, {threads} cores"
+        advance = steps(name, effort.repetitions)
+        texts = [shape.text for shape in measured]
+        clocks[threads] = stopwatch.measure(
+            texts, effort.settings, effort.orders, threads, effort.repetitions, seed, advance
+        )
+
+    found = _images(plan, variants, parameters, effort, seed, steps)
+    advices = advice.advise(found)
+    return Study(
+        settings=effort.settings,
+        seed=seed,
+        quick=quick,
+        machine=_machine(variants),
+        functions=functions,
+        clocks=clocks,
+        images=found,
+        advice=advices,
+        text=advice.sentence(advices, _costs(shapes, effort.settings, clocks[1])),
+        seconds=time.perf_counter() - start,
+        references=_references(found),
+    )
+
+
+def _shapes(
+    texts: tuple[str, ...], users_scenes: bool, loaded: dict[Path, scenes.SceneFile], quick: bool
+) -> tuple[list[Shape], list[tuple[Path, Shape | None]]]:
+    """The shapes to measure as functions, and the pairs of scene and shape to render.
+
+    Without --shape, a scene of the user's that has sgtdconductor already keeps its own shapes.
+    """
+    asked = [parse_shape(text) for text in dict.fromkeys(texts)]
+    if asked or not users_scenes:
+        shapes = asked or [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
+        return shapes, [(path, shape) for path in loaded for shape in shapes]
+    defaults = [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
+    shapes: dict[str, Shape] = {}
+    plan: list[tuple[Path, Shape | None]] = []
+    for path, file in loaded.items():
+        own = scenes.own_shapes(file)
+        plan += [(path, None)] if own else [(path, shape) for shape in defaults]
+        shapes.update({shape.text: shape for shape in own or defaults})
+    return list(shapes.values()), plan
+
+
+def _functions(
+    shape: Shape, effort: Effort, seed: int, variants: tuple[str, ...], advance: Callable[[int], None]
+) -> FunctionStudy:
+    ways = {str(setting): table_way(shape, setting) for setting in effort.settings}
+    ways |= {line.name: published_way(shape, line) for line in published.masking_lines(shape, effort.orders)}
+    with np.errstate(all="ignore"):
+        masking = masking_errors(shape, seed, effort.arguments, ways)
+        advance(1)
+        density = density_errors(shape, seed, effort.arguments, effort.settings)
+        sampling = {str(k): sampling_errors(shape, seed, effort.arguments, k) for k in effort.settings}
+        dcos = sampling_errors(shape, seed, effort.arguments, DEFAULT_SETTING, visible=False)
+        advance(1)
+        result = FunctionStudy(shape, masking, density, sampling, dcos)
+        for variant in variants:
+            result.precision[variant] = material_errors(shape, seed, effort.arguments, effort.settings, variant)
+        advance(1)
+    return result
+
+
+def _images(
+    plan: list[tuple[Path, Shape | None]],
+    variants: tuple[str, ...],
+    parameters: dict[str, str],
+    effort: Effort,
+    seed: int,
+    steps: Steps,
+) -> list[images.ImageStudy]:
+    import mitsuba as mi
+
+    found = []
+    for variant in variants:
+        mi.set_variant(variant)
+        spp = effort.spp_scalar if variant.startswith("scalar_") else effort.spp_jit
+        amount = images.Plan(effort.batches, spp, effort.equal_time_repetitions, effort.equal_time_budget, seed)
+        advance = steps(f"images, {variant}", len(plan) * images.steps(effort.settings, amount))
+        for path, shape in plan:
+            # read anew: a scene graph belongs to one variant
+            file = scenes.load(path, parameters, effort.pixels)
+            found.append(images.study(file, shape, effort.settings, amount, variant, advance))
+    return found
+
+
+def _references(found: list[images.ImageStudy]) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """How far the references of two variants are apart: single precision and tables against double and quadrature."""
+    result = {}
+    for one in found:
+        for other in found:
+            same = (one.scene, one.shape) == (other.scene, other.shape)
+            if same and one.variant.startswith("scalar_") and not other.variant.startswith("scalar_"):
+                result[one.scene, one.shape, other.variant] = images.between_variants(one, other)
+    return result
+
+
+def _costs(
+    shapes: list[Shape], settings: tuple[float, ...], clock: stopwatch.Stopwatch
+) -> dict[float, tuple[float, float, float]]:
+    """For each setting the largest ns, bytes and build time (ms) over the shapes."""
+    costs = {}
+    for setting in settings:
+        keys = [(shape.text, str(setting)) for shape in shapes]
+        costs[setting] = (
+            max(clock.nanoseconds[text, "lambda", key].median for text, key in keys),
+            float(max(clock.table_bytes[key] for key in keys)),
+            1e3 * max(clock.build_seconds[key].median for key in keys),
+        )
+    return costs
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _machine(variants: tuple[str, ...]) -> dict[str, str]:
+    import mitsuba as mi
+
+    processor = platform.processor() or platform.machine()
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                processor = line.partition(":")[2].strip()
+                break
+    except OSError:
+        pass
+    return {
+        "date": datetime.now(timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
+        "processor": processor,
+        "cores": str(_cores()),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "mitsuba": mi.__version__,
+        "sgtd": __version__,
+        "variants": ", ".join(variants),
+        "load before": f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "",
+    }
+

@@ -1,0 +1,229 @@
+"""The numbers: as JSON and CSV, and a short table on the terminal."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from . import advice, setting_text
+from .errors import MaskingErrors, Spread
+from .images import ImageRow, ImageStudy
+from .stopwatch import Timing
+from .study import FunctionStudy, Study
+
+FUNCTIONS_CSV = "functions.csv"
+IMAGES_CSV = "images.csv"
+JSON = "accuracy.json"
+
+_FUNCTION_COLUMNS = (
+    *("shape", "function", "way", "setting", "worst_random", "worst_hard", "rms_random", "rms_hard"),
+    *("ns_one_core", "ns_one_core_low", "ns_one_core_high", "ns_all_cores", "ns_all_cores_low", "ns_all_cores_high"),
+    *("table_bytes", "build_ms", "build_ms_low", "build_ms_high", "accuracy_reported", "within_setting"),
+)
+
+
+def function_rows(study: Study) -> list[dict[str, Any]]:
+    """One row per shape, function and way to compute it."""
+    rows = []
+    for functions in study.functions:
+        for way, errors in functions.masking.items():
+            rows.append(_row(study, functions, "lambda", way, errors.g1, errors))
+        for way, spread in functions.density.items():
+            rows.append(_row(study, functions, "d", way, spread, None))
+        for way, sampling in functions.sampling.items():
+            rows.append(_row(study, functions, "sample", way, sampling.weight, None))
+    return rows
+
+
+def _row(
+    study: Study, functions: FunctionStudy, function: str, way: str, errors: Spread, masking: MaskingErrors | None
+) -> dict[str, Any]:
+    text = functions.shape.text
+    setting = _setting(way)
+    row: dict[str, Any] = dict.fromkeys(_FUNCTION_COLUMNS)
+    row.update(shape=text, function=function, way="core" if setting is not None else way, setting=setting)
+    for kind in ("random", "hard"):
+        row[f"worst_{kind}"] = errors.worst.get(kind)
+        row[f"rms_{kind}"] = errors.rms.get(kind)
+    for label, clock in (("ns_one_core", study.one), ("ns_all_cores", study.all)):
+        _put(row, label, clock.nanoseconds.get((text, function, way)))
+    if setting is not None:
+        row["table_bytes"] = study.one.table_bytes[text, way]
+        row["accuracy_reported"] = study.one.accuracy_reached[text, way]
+        _put(row, "build_ms", study.one.build_seconds.get((text, way)), 1e3)
+        if masking is not None and setting:
+            row["within_setting"] = errors.largest <= setting
+    return row
+
+
+def image_rows(study: Study) -> list[dict[str, Any]]:
+    """One row per scene, shape, variant and setting."""
+    rows = []
+    for images in study.images:
+        for row in [*images.rows, images.dcos]:
+            rows.append(_image_row(images, row))
+    return rows
+
+
+def _image_row(images: ImageStudy, row: ImageRow) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "scene": images.scene,
+        "shape": images.shape,
+        "variant": images.variant,
+        "setting": row.setting,
+        "sampling": "visible" if row.visible else "D cos",
+        "bias": row.bias if row.visible else None,
+        "bias_floor": row.floor if row.visible else None,
+        "steps_8bit": _plain(row.steps_8bit),
+        "flip": _plain(row.flip),
+        "flip_noise": row.flip_noise,
+    }
+    for spp in advice.SAMPLES:
+        result[f"noise_{spp}spp"] = row.noise(spp)
+    result["spp"] = images.spp
+    _put(result, "rmse_equal_spp", row.rmse_equal_spp)
+    _put(result, "seconds_per_spp", row.seconds_per_spp)
+    result["equal_time_seconds"] = images.equal_time_seconds
+    result["equal_time_spp"] = row.equal_time_spp
+    _put(result, "rmse_equal_time", row.rmse_equal_time)
+    return result
+
+
+def write(study: Study, path_of: Any) -> None:
+    """Writes the three files; ``path_of(name)`` says where."""
+    _write_csv(path_of(FUNCTIONS_CSV), function_rows(study))
+    _write_csv(path_of(IMAGES_CSV), image_rows(study))
+    text = json.dumps(as_dict(study), indent=1, allow_nan=False)
+    Path(path_of(JSON)).write_text(text + "\n", encoding="utf-8")
+
+
+def as_dict(study: Study) -> dict[str, Any]:
+    """The whole study in plain values; infinities as text."""
+    values = {
+        "machine": study.machine,
+        "seed": study.seed,
+        "quick": study.quick,
+        "seconds": study.seconds,
+        "settings": list(study.settings),
+        "functions": function_rows(study),
+        "sampling": [_sampling(functions) for functions in study.functions],
+        "single_precision": _precision(study),
+        "images": image_rows(study),
+        "image_studies": [_image_study(images) for images in study.images],
+        "between_variants": [
+            {"scene": scene, "shape": shape, "variant": variant, "difference": values[0], "floor": values[1]}
+            for (scene, shape, variant), values in study.references.items()
+        ],
+        "recommendation": [
+            {"shape": one.shape, **one.settings, "all": one.all_of_them} for one in study.advice
+        ],
+        "text": study.text,
+    }
+    return _finite(values)
+
+
+def _sampling(functions: FunctionStudy) -> dict[str, Any]:
+    def of(errors: Any) -> dict[str, Any]:
+        return {"mean_weight": errors.mean, "variance": errors.variance, "lost": errors.lost}
+
+    settings = {way: of(errors) for way, errors in functions.sampling.items()}
+    return {"shape": functions.shape.text, "visible": settings, "d_cos": of(functions.dcos)}
+
+
+def _precision(study: Study) -> list[dict[str, Any]]:
+    return [
+        {
+            "shape": functions.shape.text,
+            "variant": variant,
+            "setting": setting,
+            "pairs": errors.count,
+            "worst": errors.value.worst.get("random"),
+            "rms": errors.value.rms.get("random"),
+        }
+        for functions in study.functions
+        for variant, settings in functions.precision.items()
+        for setting, errors in settings.items()
+    ]
+
+
+def _image_study(images: ImageStudy) -> dict[str, Any]:
+    names = ("scene", "shape", "variant", "size", "batches", "spp", "equal_time_seconds", "exposure")
+    return {name: getattr(images, name) for name in names}
+
+
+def print_tables(study: Study, console: Any) -> None:
+    """A short table per shape, and the recommendation."""
+    from rich.table import Table
+
+    for functions in study.functions:
+        text = functions.shape.text
+        images = [one for one in study.images if one.shape in (text, "as in the file")]
+        table = Table(title=functions.shape.title, title_justify="left")
+        for name in ("accuracy", "worst error of G1", "ns, 1 core", f"ns, {study.all.threads} cores", "bytes", "ms to build"):
+            table.add_column(name, justify="right")
+        if images:
+            table.add_column("8-bit steps", justify="right")
+            table.add_column("bias / noise at 1024 spp", justify="right")
+        for setting in study.settings:
+            key = str(setting)
+            cells = [
+                setting_text(setting),
+                "reference" if setting == 0.0 else f"{functions.masking[key].g1.largest:.1e}",
+                *(f"{clock.nanoseconds[text, 'lambda', key].median:.3g}" for clock in (study.one, study.all)),
+                str(study.one.table_bytes[text, key]),
+                f"{1e3 * study.one.build_seconds[text, key].median:.2g}",
+            ]
+            if images:
+                rows = [one.row(setting) for one in images]
+                cells.append(f"{max(row.steps_8bit for row in rows):.1g}")
+                cells.append(f"{max(row.bias / row.noise(1024) for row in rows):.1g}")
+            table.add_row(*cells)
+        console.print(table)
+    for one in study.advice:
+        parts = [f"{name}: {'none' if k is None else setting_text(k)}" for name, k in one.settings.items()]
+        console.print(f"{one.shape}: coarsest setting that suffices: {'; '.join(parts)}", highlight=False, soft_wrap=True)
+    console.print(study.text, highlight=False, soft_wrap=True)
+
+
+def _setting(way: str) -> float | None:
+    """The setting that a key names, or None for a formula."""
+    try:
+        return float(way)
+    except ValueError:
+        return None
+
+
+def _put(row: dict[str, Any], name: str, timing: Timing | None, factor: float = 1.0) -> None:
+    """Median and quartiles under three names."""
+    if timing is None:
+        return
+    row[name] = factor * timing.median
+    row[f"{name}_low"], row[f"{name}_high"] = factor * timing.low, factor * timing.high
+
+
+def _plain(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity and no NaN."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, columns)
+        table.writeheader()
+        for row in rows:
+            cells = {name: f"{value:.9g}" if isinstance(value, float) else value for name, value in row.items()}
+            table.writerow(cells)
