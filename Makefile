@@ -28,8 +28,8 @@ rust-test: tools
 	cargo test --locked --release
 
 python-test: $(VENV)/test-tools
-	$(BIN)/ruff format --check --quiet mitsuba-plugin tests
-	$(BIN)/ruff check --quiet mitsuba-plugin tests
+	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches
+	$(BIN)/ruff check --quiet mitsuba-plugin tests benches
 	$(BIN)/clang-format --dry-run --Werror mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 	$(BIN)/python -m pytest tests
 
@@ -42,7 +42,7 @@ report: $(VENV)/installed
 
 format: $(VENV)/test-tools
 	cargo fmt
-	$(BIN)/ruff format mitsuba-plugin tests
+	$(BIN)/ruff format mitsuba-plugin tests benches
 	$(BIN)/clang-format -i mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 
 # What a bare Debian machine lacks: the venv module, libLLVM, a recent cargo. The first two are installed where apt can.

@@ -163,7 +163,7 @@ def main(repetitions: int) -> None:
 
         dr.eval(dr.arange(mi.Float, 2))
         variants = [("scalar_rgb", 4), ("llvm_ad_rgb", 32)]
-    except Exception as error:  # noqa: BLE001 - whatever Dr.Jit throws without LLVM
+    except Exception as error:  # whatever Dr.Jit throws without LLVM
         print(f"LLVM variants are left out: {error}")
         variants = [("scalar_rgb", 4)]
     import sgtd  # noqa: F401 - registers the plugin

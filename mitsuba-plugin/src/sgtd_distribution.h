@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include <mitsuba/core/frame.h>
@@ -59,14 +60,14 @@ public:
             double inv_length = 1.0 / std::sqrt(square);
             for (double &component : h)
                 component *= inv_length;
-            d = (Float)m_ndf.d(m_alpha_u, m_alpha_v, h);
+            d = (Float)std::min(m_ndf.d(m_alpha_u, m_alpha_v, h), (double)GreatestD);
             z = (Float)h[2];
         } else {
             Vector3f m    = dr::normalize(wi + wo);
             Float inv_z   = dr::rcp(dr::maximum(m.z(), LeastCos));
             Float halfexp = m_tables.steep ? steep_half_exponent(wi, wo)
                                            : m_tables.profile.half_exponent(slope_square(m, inv_z));
-            d             = density(halfexp, dr::square(inv_z));
+            d             = dr::minimum(density(halfexp, dr::square(inv_z)), GreatestD);
             z             = m.z();
         }
         return dr::select(d * z > 1e-20f, d, 0.f);
@@ -168,8 +169,10 @@ public:
     }
 
 private:
-    /// Least cosine of a normal that is divided by: the fourth power of its inverse is finite
-    static constexpr float LeastCos = 1e-9f;
+    /// Least cosine of a normal that is divided by: the square of its inverse is finite
+    static constexpr float LeastCos = 1e-18f;
+    /// Greater values of D are cut off, so that products with them are finite
+    static constexpr float GreatestD = 1e30f;
 
     static sgtd::host::Vec3 to_core(const Vector3f &v) {
         return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };

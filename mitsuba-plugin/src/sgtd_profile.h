@@ -42,7 +42,7 @@ template <typename Value_> struct SgtdProfile {
         // Below 1e-20 the derivative of the square root would not be finite
         Value x = dr::sqrt(dr::maximum(y, (Scalar)1e-20)) - shift;
         x *= dr::select(x > 0, inv_outer, inv_inner);
-        Value x2    = dr::maximum(dr::square(x), (Scalar)1e-30);
+        Value x2    = dr::clip(dr::square(x), (Scalar)1e-30, (Scalar)1e37);
         Value power = dr::exp2(dr::minimum(p * dr::log2(x2), (Scalar)126)),
               u = dr::select(p == 1, x2, power), z = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
         // ln(1+z) loses the digits of a small z (at 1e-4 three remain): 2 artanh(z/(2+z)) there

@@ -515,6 +515,8 @@ private:
                 pdf = m_sample_visible ? D * distr.smith_g1(si.wi, m) / (4.f * cos_theta_i)
                                        : distr.pdf(si.wi, m) / (4.f * dr::dot(wo, m));
         } else {
+            // Products of denormal cosines are 0, and their quotients not a number
+            active &= dr::minimum(cos_theta_i, cos_theta_o) > 1e-30f;
             Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
             if constexpr (Value) {
                 D = distr.eval(si.wi, wo);
@@ -528,8 +530,8 @@ private:
         if constexpr (Value) {
             UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
             // Within 1e-18 of grazing, D and 1/cos leave single precision
-            Mask lit = active && D > 0.f && dr::all(dr::isfinite(result));
-            Spectrum F                 = reflectance(ctx, si, wo, m, lit);
+            Mask lit   = active && D > 0.f && dr::all(dr::isfinite(result));
+            Spectrum F = reflectance(ctx, si, wo, m, lit);
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
@@ -556,7 +558,8 @@ private:
             // M refers to axes perpendicular to the plane of incidence. Any axis will do where
             // there is no such plane.
             Vector3f axis_in = dr::cross(m, -to_light), axis_out = dr::cross(m, to_eye);
-            Mask collinear = dr::all(axis_in == Vector3f(0));
+            // (the square of a smaller length underflows in normalize())
+            Mask collinear = dr::squared_norm(axis_in) < 1e-30f;
             axis_in        = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_in));
             axis_out       = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_out));
 

@@ -203,7 +203,8 @@ impl Ndf {
         }
         let (i, o) = (self.lambda(alpha, wi), self.lambda(alpha, wo));
         match shadowing {
-            Shadowing::Separable => 1.0 / (1.0 + i) / (1.0 + o),
+            // one product: the same for both orders of the directions
+            Shadowing::Separable => 1.0 / ((1.0 + i) * (1.0 + o)),
             Shadowing::HeightCorrelated => 1.0 / (1.0 + (i + o).min(f64::MAX)),
         }
     }

@@ -134,7 +134,8 @@ impl Profile for SkewedT {
 
     fn f_past(&self, from: f64, past: f64) -> f64 {
         let m = self.shape.shift();
-        let width = if from + past > m { self.outer_width } else { self.inner_width };
+        // the sum may round to m from either side
+        let width = if (from - m) + past > 0.0 { self.outer_width } else { self.inner_width };
         self.side.g(Radius::of(from, past, m, width))
     }
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from . import DEFAULT_SETTING, setting_text
 from .images import ImageRow, ImageStudy
+from .stopwatch import Timing
 
 # Samples per pixel whose noise is compared with the bias.
 SAMPLES = (64, 1024, 16384)
@@ -61,42 +62,47 @@ def _coarsest(studies: list[ImageStudy], criterion: str) -> float | None:
     return found
 
 
-def sentence(advices: list[Advice], costs: dict[float, tuple[float, float, float]]) -> str:
-    """What the default should be, and why.
+@dataclass(frozen=True)
+class Cost:
+    """What a setting costs, over the shapes: the slowest look-up, the largest table, the longest build."""
 
-    ``costs`` has for each setting the median ns of one Lambda, the table bytes and the build time in ms, each as the
-    largest over the shapes.
-    """
+    lookup: Timing
+    table_bytes: int
+    build_ms: float
+
+
+def sentence(advices: list[Advice], costs: dict[float, Cost]) -> str:
+    """What the default should be, and why."""
     if not advices:
         return ""
     needed = [advice.all_of_them for advice in advices]
     if any(value is None for value in needed):
-        return "At least one shape meets no criterion at any setting: look at its table before trusting a default."
+        return (
+            "For at least one shape some criterion is met at no setting: look at its table before trusting a default."
+        )
     coarsest = min(needed)
     if coarsest == 0.0:
         return "Only quadrature meets every criterion for every shape: the tables are not accurate enough for these scenes."
-    parts = [
+    words = (
         f"For the shapes and scenes of this report, accuracy {setting_text(coarsest)} already passes every test: the error "
         f"is under one 8-bit step in every pixel, and below a tenth of the noise at up to {SAMPLES[-1]} samples per pixel."
-    ]
-    if coarsest not in costs or DEFAULT_SETTING not in costs:
-        return parts[0]
-    a, b = costs[coarsest], costs[DEFAULT_SETTING]
-    price = (
-        f"a look-up of {b[0]:.3g} ns instead of {a[0]:.3g} ns, tables of at most {b[1] / 1024:.1f} KiB instead of "
-        f"{a[1] / 1024:.1f} KiB and {b[2]:.2g} ms instead of {a[2]:.2g} ms to build them, once per material"
     )
-    if coarsest > DEFAULT_SETTING:
-        decades = f"{coarsest / DEFAULT_SETTING:.0f} times"
-        parts.append(
-            f"The default should be {setting_text(DEFAULT_SETTING)}, which is {decades} finer: it costs {price}. That is next to "
-            f"nothing, and it leaves a margin for scenes that magnify errors more than these."
-        )
-    elif coarsest == DEFAULT_SETTING:
-        parts.append(f"That is the default, {setting_text(DEFAULT_SETTING)}, and it should stay.")
-    else:
-        parts.append(
-            f"The default, {setting_text(DEFAULT_SETTING)}, is coarser than that: by these numbers it should become "
-            f"{setting_text(coarsest)}."
-        )
-    return " ".join(parts)
+    default = setting_text(DEFAULT_SETTING)
+    if coarsest == DEFAULT_SETTING:
+        return f"{words} That is the default, and it should stay."
+    if coarsest < DEFAULT_SETTING:
+        return f"{words} The default, {default}, is coarser than that: it should become {setting_text(coarsest)}."
+    a, b = costs[coarsest], costs[DEFAULT_SETTING]
+    return (
+        f"{words} The default should be {default}, which is {coarsest / DEFAULT_SETTING:.0f} times finer and leaves that margin to "
+        f"scenes that magnify errors more than these. The margin costs {_lookup(a.lookup, b.lookup)}, tables of at most "
+        f"{b.table_bytes / 1024:.1f} KiB instead of {a.table_bytes / 1024:.1f} KiB, and {b.build_ms:.2g} ms instead of "
+        f"{a.build_ms:.2g} ms to make them, once per shape."
+    )
+
+
+def _lookup(coarse: Timing, fine: Timing) -> str:
+    medians = f"{fine.median:.3g} ns against {coarse.median:.3g} ns"
+    if fine.median <= coarse.median or fine.low <= coarse.high:
+        return f"no time in the look-up ({medians} in the slowest shape)"
+    return f"time in the look-up ({medians} in the slowest shape)"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import statistics
+
 from . import DEFAULT_SETTING, setting_text
 from .study import FunctionStudy, Study
 
@@ -13,24 +15,46 @@ def about_dial(study: Study) -> list[str]:
 
 def _cost(study: Study) -> list[str]:
     tables = [setting for setting in study.settings if setting]
-    medians, quadrature = [], []
-    for functions in study.functions:
-        times = study.one.nanoseconds
-        text = functions.shape.text
-        medians += [times[text, "lambda", str(setting)].median for setting in tables]
-        quadrature.append(times[text, "lambda", "0.0"].median / times[text, "lambda", str(DEFAULT_SETTING)].median)
-    words = (
-        f"A look-up takes {min(medians):.3g} to {max(medians):.3g} ns on one core, over all settings and shapes: a finer setting "
-        f"makes the table longer, not the look-up. What costs time is quadrature on every call: "
-        f"{min(quadrature):.0f} to {max(quadrature):.0f} times a look-up at {setting_text(DEFAULT_SETTING)}."
-    )
-    slower = [one for one in study.functions if _coarse_is_slower(study, one)]
-    if slower:
-        words += (
-            " The coarsest table is not the fastest: its first cell is wide, so whether an argument falls into it is hard "
-            "to predict for the processor."
+    times = study.one.nanoseconds
+    lookups = [times[one.shape.text, "lambda", str(k)] for one in study.functions for k in tables]
+    medians = [timing.median for timing in lookups]
+    defaults = [times[one.shape.text, "lambda", str(DEFAULT_SETTING)].median for one in study.functions]
+    quadrature = [times[one.shape.text, "lambda", "0.0"].median for one in study.functions]
+    ratios = [slow / fast for slow, fast in zip(quadrature, defaults)]
+    words = [
+        (
+            f"A look-up of the table takes {_range(medians)} ns on one core over all settings and shapes, and quadrature on every call "
+            f"{_range(ratios, 2)} times as long as a look-up at {setting_text(DEFAULT_SETTING)}."
         )
-    return [words]
+    ]
+    if all(_finest_is_no_slower(study, one) for one in study.functions):
+        words.append(
+            "A finer setting makes the table longer, not the look-up: what costs time is to do without a table."
+        )
+    if any(_coarse_is_slower(study, one) for one in study.functions):
+        words.append(
+            "The coarsest tables are even slower than the finer ones: their first cell is wide, and the processor cannot "
+            "predict whether the next argument falls into it."
+        )
+    busy = statistics.median((timing.high - timing.low) / timing.median for timing in lookups)
+    if busy > 0.25:
+        words.append(
+            f"The machine was busy: half of these times scatter by more than {busy:.0%} between their quartiles, "
+            f"so small differences among them mean nothing."
+        )
+    return [" ".join(words)]
+
+
+def _range(values: list[float], digits: int = 3) -> str:
+    """ "7.2 to 20.3", or one number where both ends read the same."""
+    low, high = (f"{value:.{digits}g}" if value < 100 else f"{value:.0f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _finest_is_no_slower(study: Study, functions: FunctionStudy) -> bool:
+    times, text = study.one.nanoseconds, functions.shape.text
+    coarsest, finest = (times[text, "lambda", str(k)] for k in (study.settings[0], study.settings[-2]))
+    return finest.low <= 1.2 * coarsest.high
 
 
 def _coarse_is_slower(study: Study, functions: FunctionStudy) -> bool:
@@ -58,9 +82,11 @@ def _finest(study: Study) -> list[str]:
     if last == tables[-1]:
         return []
     return [
-        f"Settings finer than {setting_text(last)} give the table of {setting_text(last)}: its nodes are in single precision "
-        f"and hold no more. The worst error that any finite setting reaches is {floor:.1e} (worst over the shapes). "
-        f"Smaller errors take quadrature: accuracy 0."
+        (
+            f"Settings finer than {setting_text(last)} give the table of {setting_text(last)}: its nodes are in single precision "
+            f"and hold no more. The worst error that any finite setting reaches is {floor:.1e} (worst over the shapes). "
+            f"Smaller errors take quadrature: accuracy 0."
+        )
     ]
 
 
@@ -73,8 +99,10 @@ def _broken(study: Study) -> list[str]:
             if setting and worst > setting and worst > reachable:
                 broken.append(f"{functions.shape.title}: {worst:.1e} at {setting_text(setting)}")
     if not broken:
-        return ["Every setting that a table in single precision can hold is kept at all arguments tried, random and hard."]
-    return [f"A setting is exceeded here: {'; '.join(broken)}."]
+        return [
+            "Every setting that a table in single precision can hold is kept at all arguments tried, random and hard."
+        ]
+    return [f"The worst error exceeds the setting here: {'; '.join(broken)}."]
 
 
 def _reported(study: Study) -> list[str]:
@@ -105,16 +133,33 @@ def about_reference(study: Study) -> str:
 
 
 def about_precision(study: Study) -> str:
-    """Single precision against double, where a variant of each kind was measured."""
-    parts = []
-    names = {variant for functions in study.functions for variant in functions.precision}
-    for variant in sorted(names):
-        worst = [
-            functions.precision[variant][0.0].value
-            for functions in study.functions
-            if variant in functions.precision and not (functions.shape.is_ggx or functions.shape.is_beckmann)
+    """Single precision against double, as far as variants allow."""
+    parts = [
+        (
+            "Single against double precision: the wheel of Mitsuba has no variant in double precision. Scalar variants evaluate "
+            "the core in double precision and round its results; JIT variants compute in single precision throughout."
+        )
+    ]
+    for variant in dict.fromkeys(name for one in study.functions for name in one.precision):
+        errors = [
+            one.precision[variant]
+            for one in study.functions
+            # those run on Mitsuba's own code
+            if variant in one.precision and not (one.shape.is_ggx or one.shape.is_beckmann)
         ]
-        if worst:
-            rms = max(spread.rms["random"] for spread in worst)
-            parts.append(f"{variant}: {max(spread.worst['random'] for spread in worst):.1e} worst, {rms:.1e} RMS")
-    return "; ".join(parts)
+        if not errors:
+            continue
+        worst = max(settings[0.0].value.worst["random"] for settings in errors)
+        rms = max(settings[0.0].value.rms["random"] for settings in errors)
+        words = (
+            f"In {variant} a material at accuracy 0 is off by {worst:.1e} at worst and {rms:.1e} RMS, over the shapes"
+        )
+        enough = [
+            k
+            for k in study.settings
+            if k and all(e[k].value.rms["random"] < 1.5 * e[0.0].value.rms["random"] for e in errors)
+        ]
+        if enough:
+            words += f"; from {setting_text(enough[0])} on, a finer setting changes that by less than half"
+        parts.append(words + ".")
+    return " ".join(parts) if len(parts) > 1 else ""

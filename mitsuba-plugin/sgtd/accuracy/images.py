@@ -80,7 +80,7 @@ class ImageRow:
 
 @dataclass
 class ImageStudy:
-    """All settings of one scene, shape and variant. ``reference`` and ``worst`` are images for the page."""
+    """All settings of one scene, shape and variant. ``reference`` and ``coarsest`` are images for the page."""
 
     scene: str
     shape: str
@@ -93,7 +93,6 @@ class ImageStudy:
     rows: list[ImageRow]
     dcos: ImageRow
     reference: np.ndarray = field(repr=False)
-    halves: tuple[np.ndarray, np.ndarray] = field(repr=False)
     coarsest: np.ndarray = field(repr=False)
 
     def row(self, setting: float) -> ImageRow:
@@ -109,15 +108,16 @@ class _Renderer:
         self._film = self._camera.film()
         self.pixels = int(np.prod(self._film.crop_size()))
 
-    def __call__(self, seed: int, spp: int) -> tuple[np.ndarray, float]:
-        """The image in linear sRGB, and the seconds that rendering took."""
+    def __call__(self, seed: int, spp: int) -> tuple[np.ndarray, float, int]:
+        """The image in linear sRGB, the seconds that rendering took, and the samples (some samplers round them up)."""
         start = time.perf_counter()
         with mitsuba_errors("while rendering"):
             integrator = self._scene.integrator()
             integrator.render(self._scene, self._camera, seed=seed, spp=spp, develop=True, evaluate=True)
             bitmap = self._film.bitmap()
         seconds = time.perf_counter() - start
-        return np.nan_to_num(to_rgb(bitmap), nan=0.0, posinf=0.0, neginf=0.0), seconds
+        image = np.nan_to_num(to_rgb(bitmap), nan=0.0, posinf=0.0, neginf=0.0)
+        return image, seconds, int(self._camera.sampler().sample_count())
 
 
 def study(
@@ -140,15 +140,15 @@ def study(
     random = np.random.default_rng(plan.seed)
     for batch in range(plan.batches):
         for k in random.permutation(len(keys)):
-            image, took = renderers[keys[k]](plan.seed + batch, plan.spp)
+            image, took, spp = renderers[keys[k]](plan.seed + batch, plan.spp)
             images[keys[k]].append(image)
-            seconds[keys[k]].append(took / plan.spp)
+            seconds[keys[k]].append(took / spp)
             progress(1)
 
     reference = np.array(images[0.0, True])
     level = max(float(luminance(reference.mean(axis=0)).mean()), 1e-30)
     exposure = exposure_for(reference.mean(axis=0))
-    rows = {key: _row(key, np.array(images[key]), reference, level, exposure, plan, seconds[key]) for key in keys}
+    rows = {key: _row(key, np.array(images[key]), reference, level, exposure, spp, seconds[key]) for key in keys}
 
     slowest = max(rows[key].seconds_per_spp.median for key in keys)
     affordable = plan.equal_time_budget / (len(keys) * plan.equal_time_repetitions * slowest)
@@ -157,13 +157,15 @@ def study(
     for key in keys:
         rows[key].equal_time_spp = min(max(1, round(budget / rows[key].seconds_per_spp.median)), most)
     renders: dict[tuple[float, bool], list[np.ndarray]] = {key: [] for key in keys}
+    counts = dict.fromkeys(keys, 1)
     for repetition in range(plan.equal_time_repetitions):
         for k in random.permutation(len(keys)):
             key = keys[k]
-            image, _ = renderers[key](plan.seed + _EQUAL_TIME_SEED + repetition, rows[key].equal_time_spp)
+            image, _, counts[key] = renderers[key](plan.seed + _EQUAL_TIME_SEED + repetition, rows[key].equal_time_spp)
             renders[key].append(image)
             progress(1)
     for key in keys:
+        rows[key].equal_time_spp = counts[key]
         rows[key].rmse_equal_time = _rmse(np.array(renders[key]), rows[key].bias, level)
 
     return ImageStudy(
@@ -172,13 +174,12 @@ def study(
         variant=variant,
         size=(reference.shape[2], reference.shape[1]),
         batches=plan.batches,
-        spp=plan.spp,
+        spp=spp,
         equal_time_seconds=budget,
         exposure=exposure,
         rows=[rows[setting, True] for setting in settings],
         dcos=rows[DEFAULT_SETTING, False],
         reference=reference.mean(axis=0),
-        halves=(reference[0::2].mean(axis=0), reference[1::2].mean(axis=0)),
         coarsest=np.mean(images[settings[0], True], axis=0),
     )
 
@@ -194,7 +195,7 @@ def _row(
     reference: np.ndarray,
     level: float,
     exposure: float,
-    plan: Plan,
+    spp: int,
     seconds: list[float],
 ) -> ImageRow:
     batches = len(images)
@@ -213,7 +214,7 @@ def _row(
         steps_8bit=float(np.abs(shown - wanted).max()) * _STEPS if key[1] else math.nan,
         flip=flip(wanted, shown)[1] if key[1] else math.nan,
         flip_noise=flip(even, odd)[1],
-        noise_per_sample=math.sqrt(variance * plan.spp) / level,
+        noise_per_sample=math.sqrt(variance * spp) / level,
         rmse_equal_spp=_rmse(images, bias if key[1] else 0.0, level),
         seconds_per_spp=Timing.of(seconds),
     )
@@ -223,17 +224,3 @@ def _rmse(images: np.ndarray, bias: float, level: float) -> Timing:
     """Noise of one render with the bias, from each pair of neighboring seeds."""
     squares = 0.5 * np.mean(np.square(np.diff(images, axis=0)), axis=(1, 2, 3)) / level**2
     return Timing.of(list(np.sqrt(squares + bias**2)))
-
-
-def between_variants(one: ImageStudy, other: ImageStudy) -> tuple[float, float]:
-    """RMS difference of two variants' references and its floor; their noise is independent.
-
-    The product of the differences of two halves averages independent noise out.
-    """
-    level = max(float(luminance(one.reference).mean()), 1e-30)
-    a = (one.halves[0] - other.halves[0]).ravel()
-    b = (one.halves[1] - other.halves[1]).ravel()
-    products = a * b
-    mean = float(np.mean(products))
-    floor = float(np.std(products)) / math.sqrt(products.size)
-    return math.sqrt(max(0.0, mean)) / level, math.sqrt(floor) / level

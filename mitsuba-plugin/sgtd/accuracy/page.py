@@ -28,8 +28,12 @@ def render(study: Study, main: Plot, functions: list[Plot], pictures: list[Plot]
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     loader = FileSystemLoader(str(Path(__file__).parent))
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(error=_error, timing=_timing, number=_number, setting=setting_text, svg=_svg, share=_share)
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters.update(
+        error=_error, timing=_timing, number=_number, setting=setting_text, svg=_svg, share=_share
+    )
     shapes = {one.shape.text: one.shape.title for one in study.functions}
     return environment.get_template(_TEMPLATE).render(
         study=study,
@@ -66,7 +70,7 @@ def _function_table(study: Study, functions: FunctionStudy) -> list[dict[str, An
                 "g1": errors.g1,
                 "own": errors.lambda_itself.largest,
                 "one": study.one.nanoseconds[key],
-                "all": study.all.nanoseconds[key],
+                "all": study.all.nanoseconds.get(key),
                 "bytes": study.one.table_bytes.get((text, way)),
                 "build": study.one.build_seconds.get((text, way)),
             }

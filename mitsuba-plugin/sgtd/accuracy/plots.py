@@ -25,7 +25,7 @@ ERROR_FLOOR = 1e-16
 # Errors of images below this are not drawn: rounding of the arithmetic.
 _BIAS_FLOOR = 1e-10
 
-_WIDTH, _HEIGHT = 5.0, 4.7
+_WIDTH, _HEIGHT = 4.6, 4.4
 _SMALL = 9.0
 _PNG_DPI = 160
 
@@ -119,7 +119,7 @@ def _functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
         _label(axes, left, functions.masking[group[0]].g1.largest, " … ".join(ends), BLUE, "left")
     for key in named:
         timing, errors = point(key)
-        _label(axes, timing.high, errors.largest, key.replace(", ", ",\n"), VERMILION, "right")
+        _label(axes, timing.median, errors.largest, key.replace(", ", ",\n"), VERMILION, "below")
     if quadrature:
         for key in {quadrature[0], quadrature[-1]}:
             timing, errors = point(key)
@@ -132,7 +132,15 @@ def _functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
     axes.axvspan(reference.low, reference.high, color=GREEN, alpha=0.15, linewidth=0)
     axes.axvline(reference.median, color=GREEN, linewidth=1.2, linestyle=":")
     _upright(axes, reference.median, 0.42, "adaptive quadrature,\nthe reference", GREEN)
-    axes.text(0.03, 0.03, "tables of this\nproject, by setting", transform=axes.transAxes, fontsize=_SMALL, color=BLUE, va="bottom")
+    axes.text(
+        0.03,
+        0.03,
+        "tables of sgtd,\nby setting",
+        transform=axes.transAxes,
+        fontsize=_SMALL,
+        color=BLUE,
+        va="bottom",
+    )
     axes.set_xscale("log")
     axes.set_yscale("log")
     low, high = axes.get_xlim()
@@ -150,7 +158,9 @@ def _mark(axes: Any, timing: Timing, errors: Spread, color: str, mark: str) -> N
     rms = _shown(max(errors.rms.values(), default=worst))
     spread = [[timing.median - timing.low], [timing.high - timing.median]]
     axes.plot([timing.median] * 2, [min(rms, worst), worst], color=color, linewidth=1)
-    axes.errorbar([timing.median], [worst], xerr=spread, color=color, marker=mark, markersize=5, capsize=2, linewidth=1.2)
+    axes.errorbar(
+        [timing.median], [worst], xerr=spread, color=color, marker=mark, markersize=5, capsize=2, linewidth=1.2
+    )
 
 
 def _shown(error: float) -> float:
@@ -174,7 +184,9 @@ def _images_panel(axes: Any, studies: list[ImageStudy]) -> None:
             shown.append((setting, value))
             bar = [[min(row.floor, 0.9 * value)], [row.floor]]
             face = color if row.bias > 2.0 * row.floor else "white"
-            axes.errorbar(setting, value, yerr=bar, color=color, marker=mark, mfc=face, markersize=5, capsize=2, linewidth=1)
+            axes.errorbar(
+                setting, value, yerr=bar, color=color, marker=mark, mfc=face, markersize=5, capsize=2, linewidth=1
+            )
         if shown:
             axes.plot(*zip(*shown), color=color, linewidth=1, alpha=0.6)
             ends.append((shown[0][1], f"{images.scene},\n{images.variant}", color))
@@ -183,7 +195,9 @@ def _images_panel(axes: Any, studies: list[ImageStudy]) -> None:
     for spp in advice.SAMPLES:
         level = min(images.row(0.0).noise(spp) for images in studies)
         axes.axhline(level, color=INK, linewidth=0.9, linestyle="--")
-        axes.text(settings[-1] / 2, level * 1.1, f"noise, {spp} spp", fontsize=_SMALL, color=INK, ha="right", va="bottom")
+        axes.text(
+            settings[-1] / 2, level * 1.1, f"noise, {spp} spp", fontsize=_SMALL, color=INK, ha="right", va="bottom"
+        )
     axes.axvline(DEFAULT_SETTING, color=GREEN, linewidth=1.2, linestyle=":")
     low = min([axes.get_ylim()[0], 1e-9])
     top = max(images.row(0.0).noise(advice.SAMPLES[0]) for images in studies)

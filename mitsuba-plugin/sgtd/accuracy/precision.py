@@ -78,5 +78,5 @@ def _one_by_one(bsdf: Any, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     values = []
     for a, b in zip(wi, wo):
         si.wi = mi.Vector3f(*a)
-        values.append(bsdf.eval(context, si, mi.Vector3f(*b))[0])
+        values.append(np.array(bsdf.eval(context, si, mi.Vector3f(*b))).ravel()[0])
     return np.array(values, dtype=np.float64)

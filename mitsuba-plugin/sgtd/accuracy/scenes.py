@@ -17,6 +17,7 @@ from .shapes import Shape, make_shape
 DEFAULT_SCENES = ("spheres.xml", "grazing.xml")
 
 _FILMS = ("hdrfilm", "specfilm")
+_CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
 _FILM_SIZE = (768, 576)  # Mitsuba's own default
 
 # Integrators that can hide the lights that the camera sees directly.
@@ -79,21 +80,38 @@ def _shrink(props: Any, pixels: int) -> tuple[int, int]:
     """Lowers a film's resolution; one with a crop window is left alone."""
     width, height = (int(props[name]) if name in props else size for name, size in zip(("width", "height"), _FILM_SIZE))
     factor = math.sqrt(pixels / (width * height))
-    if factor >= 1.0 or any(name.startswith("crop_") for name in props.keys()):
+    if factor >= 1.0 or any(name in props for name in _CROP):
         return width, height
     size = max(1, round(width * factor)), max(1, round(height * factor))
     props["width"], props["height"] = size
     return size
 
 
+def has_own_shapes(scene: SceneFile) -> bool:
+    """Whether the scene has an sgtdconductor already."""
+    return any(True for _ in scene.graph.materials(RIGHT))
+
+
 def own_shapes(scene: SceneFile) -> list[Shape]:
-    """The shapes that a scene's own sgtdconductors have; those that no array can have (``mu``) are left out."""
+    """The shapes that a scene's own sgtdconductors have, as far as their parameters are numbers."""
     found: dict[str, Shape] = {}
     for node in scene.graph.materials(RIGHT):
-        props = node.props
-        row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
-        values = {name: float(props[name]) for name in ("gamma", "p", "lambda", "shift") if name in props}
         with mitsuba_errors(scene.graph.place(node)):
-            shape = make_shape(row, values)
-        found.setdefault(shape.text, shape)
+            shape = _shape_of(node.props)
+        if shape:
+            found.setdefault(shape.text, shape)
     return list(found.values())[:_MOST_OWN_SHAPES]
+
+
+def _shape_of(props: Any) -> Shape | None:
+    row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
+    values = {name: props[name] for name in ("gamma", "p", "lambda", "shift", "mu") if name in props}
+    if not all(isinstance(value, (int, float)) for value in values.values()):
+        return None  # rendering will say what is wrong with it
+    mu = values.pop("mu", None)
+    if mu is not None:
+        alpha = props.get("alpha", 0.1)
+        if not isinstance(alpha, (int, float)) or alpha <= 0.0:
+            return None
+        values["shift"] = mu / (alpha * make_shape(row, values).alpha_scale)
+    return make_shape(row, values)

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,11 +66,18 @@ def measure(
     progress: Callable[[int], None],
 ) -> Stopwatch:
     """Runs the process for one number of threads."""
-    job = dict(shapes=shapes, settings=settings, orders=orders, repetitions=repetitions, seed=seed, threads=threads)
+    job = {
+        "shapes": shapes,
+        "settings": settings,
+        "orders": orders,
+        "repetitions": repetitions,
+        "seed": seed,
+        "threads": threads,
+    }
     # One pool alone: NumPy's own threads would disturb.
     environment = {**os.environ, "RAYON_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "sgtd.accuracy.stopwatch"]
-    pipes = dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
         try:
             process.stdin.write(json.dumps(job))
@@ -123,7 +129,6 @@ def _serve() -> None:
     numbers = random.random((len(w), 2))
     sizes, reached = {}, {}
     calls: dict[tuple[str, str, str], Callable[[int], Any]] = {}
-    pool = ThreadPoolExecutor(job["threads"])
     for shape in shapes:
         for setting in job["settings"]:
             ndf = shape.ndf(_ALPHA, _ALPHA, setting)
@@ -131,10 +136,11 @@ def _serve() -> None:
             reached[shape.text, str(setting)] = ndf.accuracy_reached
             for function, call in _core_calls(ndf, w, m, numbers).items():
                 calls[shape.text, function, str(setting)] = call
-        for line in published.masking_lines(shape, tuple(job["orders"])):
-            calls[shape.text, "lambda", line.name] = _published_call(pool, job["threads"], line, w)
-        for line in published.profile_lines(shape):
-            calls[shape.text, "d", line.name] = _density_call(pool, job["threads"], line, m)
+        if job["threads"] == 1:  # NumPy has one thread
+            for line in published.masking_lines(shape, tuple(job["orders"])):
+                calls[shape.text, "lambda", line.name] = _masking_call(line, w)
+            for line in published.profile_lines(shape):
+                calls[shape.text, "d", line.name] = _density_call(line, m)
 
     counts = {key: _calibrate(call) for key, call in calls.items()}
     times: dict[tuple[str, str, str], list[float]] = {key: [] for key in calls}
@@ -146,7 +152,6 @@ def _serve() -> None:
             calls[key](count)
             times[key].append((time.perf_counter() - start) / count * 1e9)
         print('"done"', flush=True)
-    pool.shutdown()
     answer = {
         "nanoseconds": [[*key, values] for key, values in times.items()],
         "build": [[*key, values] for key, values in builds.items()],
@@ -166,24 +171,12 @@ def _core_calls(ndf: Any, w: np.ndarray, m: np.ndarray, numbers: np.ndarray) -> 
     }
 
 
-def _published_call(pool: Any, threads: int, line: published.Line, w: np.ndarray) -> Callable[[int], Any]:
-    return lambda n: _shared(pool, threads, n, lambda part: published.over_directions(line.evaluate, _ALPHA, _ALPHA, w[part]))
+def _masking_call(line: published.Line, w: np.ndarray) -> Callable[[int], Any]:
+    return lambda n: published.over_directions(line.evaluate, _ALPHA, _ALPHA, w[:n])
 
 
-def _density_call(pool: Any, threads: int, line: published.Line, m: np.ndarray) -> Callable[[int], Any]:
-    def call(part: slice) -> np.ndarray:
-        return published.density_over_normals(line.evaluate, 1.0, _ALPHA, _ALPHA, m[part])
-
-    return lambda n: _shared(pool, threads, n, call)
-
-
-def _shared(pool: Any, threads: int, count: int, call: Callable[[slice], Any]) -> None:
-    """Divides the calls among threads; NumPy lets go of Python's lock inside its loops."""
-    if threads == 1:
-        call(slice(0, count))
-        return
-    edges = np.linspace(0, count, threads + 1).astype(int)
-    list(pool.map(call, [slice(a, b) for a, b in zip(edges[:-1], edges[1:])]))
+def _density_call(line: published.Line, m: np.ndarray) -> Callable[[int], Any]:
+    return lambda n: published.density_over_normals(line.evaluate, 1.0, _ALPHA, _ALPHA, m[:n])
 
 
 def _calibrate(call: Callable[[int], Any]) -> int:

@@ -47,7 +47,7 @@ class Effort:
     equal_time_budget: float
 
 
-FULL = Effort(SETTINGS, published.ORDERS, 30_000, 25, 16_000, 8, 4, 16, 5, 12.0)
+FULL = Effort(SETTINGS, published.ORDERS, 30_000, 25, 16_000, 6, 4, 8, 4, 8.0)
 QUICK = Effort(QUICK_SETTINGS, (16, 64), 3_000, 3, 1_500, 3, 2, 4, 2, 1.0)
 
 
@@ -77,7 +77,6 @@ class Study:
     advice: list[advice.Advice]
     text: str
     seconds: float
-    references: dict[tuple[str, str, str], tuple[float, float]]
 
     @property
     def one(self) -> stopwatch.Stopwatch:
@@ -142,7 +141,6 @@ def run(
         advice=advices,
         text=advice.sentence(advices, _costs(shapes, effort.settings, clocks[1])),
         seconds=time.perf_counter() - start,
-        references=_references(found),
     )
 
 
@@ -161,9 +159,9 @@ def _shapes(
     shapes: dict[str, Shape] = {}
     plan: list[tuple[Path, Shape | None]] = []
     for path, file in loaded.items():
-        own = scenes.own_shapes(file)
-        plan += [(path, None)] if own else [(path, shape) for shape in defaults]
-        shapes.update({shape.text: shape for shape in own or defaults})
+        keeps = scenes.has_own_shapes(file)
+        plan += [(path, None)] if keeps else [(path, shape) for shape in defaults]
+        shapes.update({shape.text: shape for shape in (scenes.own_shapes(file) if keeps else ()) or defaults})
     return list(shapes.values()), plan
 
 
@@ -209,28 +207,15 @@ def _images(
     return found
 
 
-def _references(found: list[images.ImageStudy]) -> dict[tuple[str, str, str], tuple[float, float]]:
-    """How far the references of two variants are apart: single precision and tables against double and quadrature."""
-    result = {}
-    for one in found:
-        for other in found:
-            same = (one.scene, one.shape) == (other.scene, other.shape)
-            if same and one.variant.startswith("scalar_") and not other.variant.startswith("scalar_"):
-                result[one.scene, one.shape, other.variant] = images.between_variants(one, other)
-    return result
-
-
-def _costs(
-    shapes: list[Shape], settings: tuple[float, ...], clock: stopwatch.Stopwatch
-) -> dict[float, tuple[float, float, float]]:
-    """For each setting the largest ns, bytes and build time (ms) over the shapes."""
+def _costs(shapes: list[Shape], settings: tuple[float, ...], clock: stopwatch.Stopwatch) -> dict[float, advice.Cost]:
     costs = {}
     for setting in settings:
         keys = [(shape.text, str(setting)) for shape in shapes]
-        costs[setting] = (
-            max(clock.nanoseconds[text, "lambda", key].median for text, key in keys),
-            float(max(clock.table_bytes[key] for key in keys)),
-            1e3 * max(clock.build_seconds[key].median for key in keys),
+        lookups = [clock.nanoseconds[text, "lambda", key] for text, key in keys]
+        costs[setting] = advice.Cost(
+            lookup=max(lookups, key=lambda timing: timing.median),
+            table_bytes=max(clock.table_bytes[key] for key in keys),
+            build_ms=1e3 * max(clock.build_seconds[key].median for key in keys),
         )
     return costs
 
@@ -262,4 +247,3 @@ def _machine(variants: tuple[str, ...]) -> dict[str, str]:
         "variants": ", ".join(variants),
         "load before": f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "",
     }
-

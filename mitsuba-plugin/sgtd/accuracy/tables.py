@@ -113,13 +113,7 @@ def as_dict(study: Study) -> dict[str, Any]:
         "single_precision": _precision(study),
         "images": image_rows(study),
         "image_studies": [_image_study(images) for images in study.images],
-        "between_variants": [
-            {"scene": scene, "shape": shape, "variant": variant, "difference": values[0], "floor": values[1]}
-            for (scene, shape, variant), values in study.references.items()
-        ],
-        "recommendation": [
-            {"shape": one.shape, **one.settings, "all": one.all_of_them} for one in study.advice
-        ],
+        "recommendation": [{"shape": one.shape, **one.settings, "all": one.all_of_them} for one in study.advice],
         "text": study.text,
     }
     return _finite(values)
@@ -162,7 +156,14 @@ def print_tables(study: Study, console: Any) -> None:
         text = functions.shape.text
         images = [one for one in study.images if one.shape in (text, "as in the file")]
         table = Table(title=functions.shape.title, title_justify="left")
-        for name in ("accuracy", "worst error of G1", "ns, 1 core", f"ns, {study.all.threads} cores", "bytes", "ms to build"):
+        for name in (
+            "accuracy",
+            "worst error of G1",
+            "ns, 1 core",
+            f"ns, {study.all.threads} cores",
+            "bytes",
+            "ms to build",
+        ):
             table.add_column(name, justify="right")
         if images:
             table.add_column("8-bit steps", justify="right")
@@ -179,12 +180,14 @@ def print_tables(study: Study, console: Any) -> None:
             if images:
                 rows = [one.row(setting) for one in images]
                 cells.append(f"{max(row.steps_8bit for row in rows):.1g}")
-                cells.append(f"{max(row.bias / row.noise(1024) for row in rows):.1g}")
+                cells.append(f"{max(row.bias / max(row.noise(1024), 1e-300) for row in rows):.1g}")
             table.add_row(*cells)
         console.print(table)
     for one in study.advice:
         parts = [f"{name}: {'none' if k is None else setting_text(k)}" for name, k in one.settings.items()]
-        console.print(f"{one.shape}: coarsest setting that suffices: {'; '.join(parts)}", highlight=False, soft_wrap=True)
+        console.print(
+            f"{one.shape}: coarsest setting that suffices: {'; '.join(parts)}", highlight=False, soft_wrap=True
+        )
     console.print(study.text, highlight=False, soft_wrap=True)
 
 
