@@ -160,11 +160,15 @@ public:
             Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
             Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
             Float inv_z = dr::norm(m), stretched = radial * azimuthal,
-                  d = density(m_tables.profile.half_exponent(y), dr::square(inv_z));
+                  half_exponent = m_tables.profile.half_exponent(y),
+                  d             = density(half_exponent, dr::square(inv_z));
             m *= dr::rcp(inv_z);
-            Mask valid = stretched > 0.f && d > 1e-20f * inv_z;
+            Mask valid = stretched > 1e-36f && d > 1e-20f * inv_z;
+            // f / stretched: inside a ring both are so small that the derivative, which has the
+            // square of the divisor in it, would overflow
+            Float ratio = dr::exp(-2.f * half_exponent - dr::log(dr::maximum(stretched, 1e-36f)));
             return { Normal3f(m), dr::select(valid, stretched * solid_angle(inv_z), 0.f),
-                     dr::select(valid, m_tables.factor * profile(y) * inv_z / stretched, 0.f) };
+                     dr::select(valid, m_tables.factor * ratio * inv_z, 0.f) };
         }
     }
 
@@ -204,11 +208,6 @@ private:
     /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
     Float solid_angle(const Float &inv_z) const {
         return inv_z * dr::square(inv_z) / (m_alpha_u * m_alpha_v);
-    }
-
-    /// f at rho = sqrt(y)
-    Float profile(const Float &y) const {
-        return dr::exp(-2.f * m_tables.profile.half_exponent(y));
     }
 
     /// A f / (pi alpha_u alpha_v cos^4), squared at the end: f may underflow, 1/cos^4 overflow.

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include <mitsuba/core/fwd.h>
 
 #include "bridge.h"
@@ -17,17 +19,18 @@ template <typename Value_> struct SgtdProfile {
     using Value  = Value_;
     using Scalar = dr::scalar_t<Value>;
 
-    /// 1 / (gamma - 1), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
-    Value inv_gamma_1, p, shift, inv_outer, inv_inner;
+    /// 1 / (gamma - 1), gamma (finite), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
+    Value inv_gamma_1, gamma, p, shift, inv_outer, inv_inner;
 
     static SgtdProfile load(const sgtd::host::Shape &shape) {
         SgtdProfile result;
         result.inv_gamma_1 = (Scalar)(1.0 / (shape.gamma - 1.0));
+        result.gamma       = (Scalar)std::min(shape.gamma, 1e30);
         result.p           = (Scalar)shape.p;
         result.shift       = (Scalar)shape.shift;
         result.inv_outer   = (Scalar)(1.0 / (1.0 + shape.lambda));
         result.inv_inner   = (Scalar)(1.0 / (1.0 - shape.lambda));
-        dr::make_opaque(result.inv_gamma_1, result.p, result.shift, result.inv_outer,
+        dr::make_opaque(result.inv_gamma_1, result.gamma, result.p, result.shift, result.inv_outer,
                         result.inv_inner);
         return result;
     }
@@ -35,8 +38,8 @@ template <typename Value_> struct SgtdProfile {
     /**
      * Half of -ln f at rho = sqrt(y), f = (1 + u/(gamma-1))^(-gamma).
      *
-     * With k = 1/(gamma-1) this is (1 + k) u phi(k u) / 2, phi(z) = ln(1+z)/z; k = 0 (gamma = inf)
-     * is no special case.
+     * With k = 1/(gamma-1) and z = k u this is gamma ln(1+z) / 2, or (1 + k) u phi(z) / 2 with
+     * phi(z) = ln(1+z)/z for a small z, which includes k = 0 (gamma = inf).
      */
     Value half_exponent(const Value &y) const {
         // Below 1e-20 the derivative of the square root would not be finite
@@ -52,13 +55,13 @@ template <typename Value_> struct SgtdProfile {
                   2 * inv_2z *
                   dr::fmadd(s2, dr::fmadd(s2, dr::fmadd(s2, odd, (Scalar).2), (Scalar)(1.0 / 3.0)),
                             (Scalar)1);
-        Value big = dr::maximum(z, (Scalar).5),
-              phi = dr::select(z < (Scalar).5, series, dr::log(1 + big) / big);
-        // exp(-200) is 0 in single precision; beyond, the product may overflow
-        return dr::minimum((Scalar).5 * dr::fmadd(inv_gamma_1, u, u) * phi, (Scalar)200);
+        Value small = dr::fmadd(inv_gamma_1, u, u) * series,
+              large = gamma * dr::log(1 + dr::maximum(z, (Scalar).5));
+        // exp(-200) is 0 in single precision; beyond, the products may overflow
+        return dr::minimum((Scalar).5 * dr::select(z < (Scalar).5, small, large), (Scalar)200);
     }
 
-    DRJIT_STRUCT(SgtdProfile, inv_gamma_1, p, shift, inv_outer, inv_inner)
+    DRJIT_STRUCT(SgtdProfile, inv_gamma_1, gamma, p, shift, inv_outer, inv_inner)
 };
 
 NAMESPACE_END(mitsuba)

@@ -32,6 +32,9 @@ pub const FINEST_ACCURACY: f64 = 1e-7;
 /// rest is left for rounding and for errors that peak elsewhere.
 const SHARE: f64 = 0.5;
 
+/// What rounding to single precision adds to the error: half an ulp of H and of its slope.
+const ROUNDING: f64 = 5e-8;
+
 struct Node {
     a: f64,
     h: f64,
@@ -44,7 +47,7 @@ impl LambdaTable {
     /// Nodes are doubled until the error, measured at three points of every cell, is below half the accuracy; the
     /// midpoints are the next table's nodes, so few values are computed twice.
     pub fn new(profile: &dyn Profile, masking: &MaskingIntegral, accuracy: f64) -> Self {
-        let permitted = SHARE * accuracy.max(FINEST_ACCURACY);
+        let permitted = SHARE * (accuracy.max(FINEST_ACCURACY) - ROUNDING);
         let node = |a: f64| {
             let Masking { h, s } = masking.at(profile, a);
             Node { a, h, slope: -s }
@@ -112,7 +115,7 @@ impl LambdaTable {
             flat,
             shift,
             first: (2f32.powi(low)).to_bits() >> shift,
-            reached: reached.max(end).max(first_error) / SHARE + 1e-7 * SHARE,
+            reached: reached.max(end).max(first_error) / SHARE + ROUNDING,
         }
     }
 

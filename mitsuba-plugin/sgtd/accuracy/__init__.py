@@ -13,7 +13,10 @@ measured twice: for the functions over arrays, and for images. How each number c
 ``scenes``         scenes with one shape and one setting each
 ``images``         bias, noise, equal samples and equal time
 ``advice``         which setting suffices, in numbers and in words
-``study``          runs all of it; ``tables``, ``plots`` and ``page`` show it
+``study``          runs all of it
+``tables``         the numbers as JSON, CSV and on the terminal; ``findings`` what they say in words
+``plots``          the figures, from ``plot_functions`` and ``plot_images``; ``canvas`` is what they share
+``page``           ``report.html``; ``files`` the whole command
 =================  =============================================================================
 """
 

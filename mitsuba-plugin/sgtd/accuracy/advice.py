@@ -103,6 +103,8 @@ def sentence(advices: list[Advice], costs: dict[float, Cost]) -> str:
 
 def _lookup(coarse: Timing, fine: Timing) -> str:
     medians = f"{fine.median:.3g} ns against {coarse.median:.3g} ns"
-    if fine.median <= coarse.median or fine.low <= coarse.high:
+    if fine.median <= coarse.median:
         return f"no time in the look-up ({medians} in the slowest shape)"
+    if fine.low <= coarse.high:
+        return f"no time in the look-up that could be told from scatter ({medians} in the slowest shape)"
     return f"time in the look-up ({medians} in the slowest shape)"

@@ -27,10 +27,10 @@ def make(
         result = study.run(shapes, scenes, variants, parameters, seed, quick, steps)
         done = steps("writing", 1)
         main, functions, pictures = plots.draw_all(result)
-        for plot in (main, *functions, *pictures):
+        for plot in (main, *functions, *(plot for pair in pictures for plot in pair)):
             staging.path(f"{plot.name}.png").write_bytes(plot.png)
             staging.path(f"{plot.name}.svg").write_bytes(plot.svg)
-        top = [functions[0], *pictures[:1]]
+        top = [functions[0], *(pair[0] for pair in pictures[:1])]
         staging.path(REPORT).write_text(page.render(result, top, functions, pictures), encoding="utf-8")
         tables.write(result, staging.path)
         done(1)

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..measure import to_display
 from . import DEFAULT_SETTING, advice, findings, setting_text
+from .canvas import Plot, picture_png
 from .errors import Spread
-from .images import ImageStudy
-from .plots import Plot, picture_png
+from .images import ImageRow, ImageStudy
 from .stopwatch import Timing
 from .study import FunctionStudy, Study
 
@@ -23,7 +23,7 @@ _TEMPLATE = "report.html.j2"
 _MAGNIFIED = 100
 
 
-def render(study: Study, main: Plot, functions: list[Plot], pictures: list[Plot]) -> str:
+def render(study: Study, main: list[Plot], functions: list[Plot], pictures: list[list[Plot]]) -> str:
     """The page as text."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -32,7 +32,7 @@ def render(study: Study, main: Plot, functions: list[Plot], pictures: list[Plot]
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters.update(
-        error=_error, timing=_timing, number=_number, setting=setting_text, svg=_svg, share=_share
+        error=_error, timing=_timing, number=_number, setting=setting_text, svg=_svg, share=_share, bias=_bias
     )
     shapes = {one.shape.text: one.shape.title for one in study.functions}
     return environment.get_template(_TEMPLATE).render(
@@ -121,6 +121,12 @@ def _number(value: float | None, digits: int = 3) -> str:
     if value and not 1e-3 <= abs(value) < 1e5:
         return _error(value)
     return f"{value:.{digits}g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def _bias(row: ImageRow) -> str:
+    """The bias where the renders can tell it from zero, else a bound."""
+    bound = 2.0 * row.floor
+    return _error(row.bias) if row.bias >= bound else f"< {_error(bound)}"
 
 
 def _share(value: float) -> str:

@@ -10,6 +10,7 @@ from .. import _core
 from ..errors import UserError
 from ..exchange import parse_settings
 from ..ndf import Ndf
+from .canvas import file_part
 
 _PARAMETERS = ("gamma", "p", "lambda", "shift")
 
@@ -54,8 +55,7 @@ class Shape:
     @property
     def slug(self) -> str:
         """A name for files."""
-        kept = "".join(c if c.isalnum() or c in ".-" else "-" for c in self.text)
-        return kept.strip("-.")
+        return file_part(self.text)
 
     @property
     def title(self) -> str:

@@ -103,6 +103,7 @@ def run(
 
     start = time.perf_counter()
     effort = QUICK if quick else FULL
+    machine = _machine(variants)
     mi.set_variant(variants[0])
     paths = scene_paths or scenes.default_scenes()
     loaded = {path: scenes.load(path, parameters, effort.pixels) for path in paths}
@@ -134,7 +135,7 @@ def run(
         settings=effort.settings,
         seed=seed,
         quick=quick,
-        machine=_machine(variants),
+        machine=machine,
         functions=functions,
         clocks=clocks,
         images=found,
