@@ -20,7 +20,7 @@ if not sys.argv[1].startswith("scalar"):
 """
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def why_not(variant: str) -> str:
     """Empty if the variant runs on this machine, else the reason."""
     if variant.startswith("scalar_"):
@@ -43,11 +43,18 @@ def use(variant: str) -> None:
     mi.set_variant(variant)
 
 
+def pytest_configure(config):
+    # Mitsuba makes some of its functions anew in every variant that is set
+    config.addinivalue_line("filterwarnings", "ignore:The AST-transforming decorator:RuntimeWarning")
+
+
 def pytest_terminal_summary(terminalreporter):
     missing = {reason for reason in (why_not("llvm_ad_rgb"),) if reason}
     for reason in missing:
         terminalreporter.section("LLVM VARIANTS WERE NOT TESTED", sep="!")
-        terminalreporter.line(f"{reason}. Install LLVM 17 or newer (Debian: apt install libllvm19), then run the tests again.")
+        terminalreporter.line(
+            f"{reason}. Install LLVM 17 or newer (Debian: apt install libllvm19), then run the tests again."
+        )
 
 
 def pytest_report_header(config):

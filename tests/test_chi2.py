@@ -4,7 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-
 import scattering as sc
 from family import ROWS
 
@@ -77,7 +76,16 @@ def integral(bsdf, wi, alpha_u, alpha_v, radial=1536, azimuthal=768):
     wo = 2.0 * cos_im * m - mi.Vector3f(wi)
     pdf = bsdf.pdf(mi.BSDFContext(), interaction(wi, len(index)), wo)
     # d(wo) = 4 cos_im d(m), d(m) = alpha_u alpha_v cos^3 rho d(rho) d(phi)
-    weight = 4.0 * cos_im * alpha_u * alpha_v * inv_length * dr.square(inv_length) * jacobian * (2.0 * dr.pi / (radial * azimuthal))
+    weight = (
+        4.0
+        * cos_im
+        * alpha_u
+        * alpha_v
+        * inv_length
+        * dr.square(inv_length)
+        * jacobian
+        * (2.0 * dr.pi / (radial * azimuthal))
+    )
     return float(dr.sum(mi.Float64(dr.select(pdf > 0.0, pdf * weight, 0.0)))[0])
 
 

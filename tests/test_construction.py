@@ -7,7 +7,6 @@ import conftest
 import mitsuba as mi
 import numpy as np
 import pytest
-
 import scattering as sc
 from family import ROWS
 
@@ -57,7 +56,11 @@ def test_the_plugin_holds_code_for_every_variant(variant):
 
     library = (sgtd.PLUGIN_DIR / "plugins" / "sgtdconductor.so").read_bytes()
     names = set(re.findall(rb"N7mitsuba13SgtdConductorI[\w]+", library))
-    backend = {"scalar": rb"13SgtdConductorIf", "llvm": rb"DiffArrayIL10JitBackend2E", "cuda": rb"DiffArrayIL10JitBackend1E"}
+    backend = {
+        "scalar": rb"13SgtdConductorIf",
+        "llvm": rb"DiffArrayIL10JitBackend2E",
+        "cuda": rb"DiffArrayIL10JitBackend1E",
+    }
     color = rb"NS_5ColorI" if "rgb" in variant else rb"NS_8SpectrumI" if "spectral" in variant else rb"NS_5ColorI"
     found = [name for name in names if backend[variant.split("_")[0]] in name and color in name]
     assert found, names
@@ -71,7 +74,9 @@ def test_every_row(variant, row):
     value, pdf = sc.evaluate(bsdf, *SPECULAR)
     assert (value > 0).all() and (pdf > 0).all()
     # rows differ: none is silently another one
-    others = [sc.evaluate(sc.load(**other, alpha=0.3), *SPECULAR)[0][0, 0] for name, other in ROWS.items() if name != row]
+    others = [
+        sc.evaluate(sc.load(**other, alpha=0.3), *SPECULAR)[0][0, 0] for name, other in ROWS.items() if name != row
+    ]
     assert min(abs(value[0, 0] / other - 1) for other in others) > 1e-3
     assert ROWS[row]["distribution"] in str(bsdf)
 
@@ -80,7 +85,10 @@ EQUAL_ROWS = {
     "student is sgtd": (dict(distribution="student", gamma=1.6), dict(gamma=1.6)),
     "gtd is sgtd": (dict(distribution="gtd", gamma=1.6, p=1.4), dict(gamma=1.6, p=1.4)),
     "std is sgtd": (dict(distribution="std", gamma=1.6, **{"lambda": 0.3}), dict(gamma=1.6, **{"lambda": 0.3})),
-    "sgnd is sgtd": (dict(distribution="sgnd", p=1.4, **{"lambda": 0.3}), dict(gamma=math.inf, p=1.4, **{"lambda": 0.3})),
+    "sgnd is sgtd": (
+        dict(distribution="sgnd", p=1.4, **{"lambda": 0.3}),
+        dict(gamma=math.inf, p=1.4, **{"lambda": 0.3}),
+    ),
     "gnd is sgnd": (dict(distribution="gnd", p=1.4), dict(distribution="sgnd", p=1.4)),
     "snd is sgnd": (dict(distribution="snd", **{"lambda": 0.3}), dict(distribution="sgnd", **{"lambda": 0.3})),
     "beckmann is snd": (dict(distribution="beckmann", shift=0.5), dict(distribution="snd", shift=0.5)),
@@ -154,7 +162,9 @@ def test_mu_follows_alpha(variant):
     assert value == pytest.approx(sc.evaluate(sc.load(shift=0.25, alpha=0.4), *SPECULAR)[0], rel=1e-5)
 
 
-@pytest.mark.parametrize("given", [dict(gamma=1.2, p=2.0), dict(gamma=6.5, p=0.3), dict(gamma=1.05, p=30.0, shift=2.0)], ids=str)
+@pytest.mark.parametrize(
+    "given", [dict(gamma=1.2, p=2.0), dict(gamma=6.5, p=0.3), dict(gamma=1.05, p=30.0, shift=2.0)], ids=str
+)
 def test_each_parameter_is_read(scalar, given):
     """A value that would be out of range at the defaults of the others is still this material's."""
     import sgtd
@@ -309,4 +319,6 @@ def test_every_documented_property_is_accepted_in_xml(scalar):
     )
     assert "height_correlated" in str(bsdf) and "sample_visible = 0" in str(bsdf)
     # gamma = inf from XML
-    assert "inf" in str(mi.load_string('<bsdf version="3.0.0" type="sgtdconductor"><float name="gamma" value="inf"/></bsdf>'))
+    assert "inf" in str(
+        mi.load_string('<bsdf version="3.0.0" type="sgtdconductor"><float name="gamma" value="inf"/></bsdf>')
+    )

@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-
 import scattering as sc
 import sgtd
 from family import named
@@ -23,28 +22,49 @@ CASES = {
     "roughness 1e-4": (dict(gamma=1.8, alpha=1e-4), "D underflows within a degree"),
     "roughness 10": (dict(gamma=1.8, alpha=10.0), "nearly all reflections are below the horizon"),
     "ratio of roughness 1e4": (dict(gamma=1.8, alpha_u=1e-3, alpha_v=10.0), "both of the above at once"),
-    "texture with zeros": (dict(gamma=1.8, alpha=np.array([[0.0, 0.2], [1e-30, 1e-6]])), "exact zeros beside roughness, in one kernel"),
-    "two textures with zeros": (dict(alpha_u=np.array([[0.0, 0.2], [0.0, 0.2]]), alpha_v=np.array([[0.3, 0.3], [0.0, 0.0]])), "zeros that do not coincide"),
+    "texture with zeros": (
+        dict(gamma=1.8, alpha=np.array([[0.0, 0.2], [1e-30, 1e-6]])),
+        "exact zeros beside roughness, in one kernel",
+    ),
+    "two textures with zeros": (
+        dict(alpha_u=np.array([[0.0, 0.2], [0.0, 0.2]]), alpha_v=np.array([[0.3, 0.3], [0.0, 0.0]])),
+        "zeros that do not coincide",
+    ),
     "tail at its limit": (dict(gamma=1.5005, alpha=0.2), "2 p gamma - 3 = 1e-3: masking is nearly infinite"),
     "tail at its limit, cusp": (dict(gamma=6.002, p=0.25, alpha=0.2), "the same with f not differentiable at its peak"),
     "gamma 1.05": (dict(gamma=1.05, p=1.5, shift=0.1, alpha=0.2), "1/(gamma-1) is 20 in every term"),
-    "box": (dict(gamma=2.0, p=50.0, alpha=0.3), "f falls from 1 to 0 within a hundredth of the roughness, and u overflows beyond"),
+    "box": (
+        dict(gamma=2.0, p=50.0, alpha=0.3),
+        "f falls from 1 to 0 within a hundredth of the roughness, and u overflows beyond",
+    ),
     "normal box": (dict(gamma=INF, p=50.0, alpha=0.3), "f underflows at 1.05 of the edge"),
     "ring": (dict(gamma=2.0, shift=1e3, alpha=0.01), "a normal at slope 10 +- 0.01: x - m loses three digits"),
     "normal ring": (dict(gamma=INF, shift=1e3, alpha=1e-3), "f underflows at normal incidence"),
     "thin ring": (dict(gamma=INF, p=2.0, shift=30.0, alpha=0.02, **{"lambda": 0.9}), "one side ten times thinner"),
     "skew -0.999": (dict(gamma=1.8, shift=0.5, alpha=0.3, **{"lambda": -0.999}), "outer side 1e-3 wide"),
     "skew 0.999": (dict(gamma=1.8, shift=0.5, alpha=0.3, **{"lambda": 0.999}), "inner side 1e-3 wide"),
-    "normal, skew 0.999": (dict(gamma=INF, shift=0.5, alpha=0.3, **{"lambda": 0.999}), "f is 0 below half of the shift"),
+    "normal, skew 0.999": (
+        dict(gamma=INF, shift=0.5, alpha=0.3, **{"lambda": 0.999}),
+        "f is 0 below half of the shift",
+    ),
     "gamma 1e12": (dict(gamma=1e12, alpha=0.2), "1 + u/(gamma-1) is 1"),
     "gamma 1e38": (dict(gamma=1e38, alpha=0.2), "at the end of single precision"),
-    "all normals": (dict(gamma=1.6, shift=2.0, alpha=0.5, sample_visible=False), "samples that face away from the viewer"),
-    "height correlated": (dict(gamma=1.6, shift=2.0, alpha=0.5, masking="height_correlated"), "the sum of two infinite Lambda"),
+    "all normals": (
+        dict(gamma=1.6, shift=2.0, alpha=0.5, sample_visible=False),
+        "samples that face away from the viewer",
+    ),
+    "height correlated": (
+        dict(gamma=1.6, shift=2.0, alpha=0.5, masking="height_correlated"),
+        "the sum of two infinite Lambda",
+    ),
     "eta 1": (dict(gamma=1.8, alpha=0.2, eta=1.0, k=0.0), "no reflection at all: 0 and not 0/0"),
     "dark metal": (dict(gamma=1.8, alpha=0.2, eta=1e-3, k=1e-3), "Fresnel at its ends"),
     "ggx": (dict(distribution="ggx", alpha=0.0), "Mitsuba's own code, held to the same"),
     "beckmann": (dict(distribution="beckmann", alpha=10.0), "Mitsuba's own code, held to the same"),
-    "shifted beckmann": (dict(distribution="beckmann", alpha=1e-4, shift=5.0), "the floor of the roughness moves the ring"),
+    "shifted beckmann": (
+        dict(distribution="beckmann", alpha=1e-4, shift=5.0),
+        "the floor of the roughness moves the ring",
+    ),
 }
 
 COSINES = np.array([0.0, 1e-45, 1e-30, 1e-7, 1e-4, 0.01, 0.5, 0.9999999, 1.0, -0.3])
@@ -101,7 +121,9 @@ def check_samples(wo, pdf, weight, what):
     return valid
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono_polarized", "scalar_spectral_polarized"])
+@pytest.mark.parametrize(
+    "variant", ["scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono_polarized", "scalar_spectral_polarized"]
+)
 @pytest.mark.parametrize("case", CASES)
 def test_no_bad_number(case, variant):
     conftest.use(variant)
@@ -112,7 +134,11 @@ def test_no_bad_number(case, variant):
         wi, wo, u = wi[::2], wo[::2], u[::3]
     all_wi, all_wo, uv = product(wi, wo, uv_of(properties))
     # wi = wo, where the plane of reflection is undefined
-    all_wi, all_wo, uv = np.concatenate([all_wi, wi]), np.concatenate([all_wo, wi]), np.concatenate([uv, np.full((len(wi), 2), 0.25)])
+    all_wi, all_wo, uv = (
+        np.concatenate([all_wi, wi]),
+        np.concatenate([all_wo, wi]),
+        np.concatenate([uv, np.full((len(wi), 2), 0.25)]),
+    )
     value, pdf = sc.evaluate(bsdf, all_wi, all_wo, uv)
     check_values(value, pdf, case)
     value, pdf = sc.evaluate_apart(bsdf, all_wi, all_wo, uv)
@@ -153,10 +179,18 @@ def test_mueller_matrices_are_finite(case):
     si.wi, si.uv = mi.Vector3f(all_wi.T), mi.Point2f(0.75, 0.75)
     _, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(0.5), mi.Point2f(all_u.T.astype(np.float32)))
     for matrix in (value, weight):
-        elements = np.array([np.broadcast_to(np.array(matrix[i, j][0]), 1 if dr.width(matrix) == 1 else dr.width(matrix)) for i in range(4) for j in range(4)])
+        elements = np.array(
+            [
+                np.broadcast_to(np.array(matrix[i, j][0]), 1 if dr.width(matrix) == 1 else dr.width(matrix))
+                for i in range(4)
+                for j in range(4)
+            ]
+        )
         assert np.isfinite(elements).all()
         # no element exceeds the intensity
-        assert (np.abs(elements) <= np.maximum(elements[0], 0.0) * (1 + 1e-4) + 1e-30 - 10 * ROUNDING.get(case, 0.0)).all()
+        assert (
+            np.abs(elements) <= np.maximum(elements[0], 0.0) * (1 + 1e-4) + 1e-30 - 10 * ROUNDING.get(case, 0.0)
+        ).all()
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case not in ("ggx", "beckmann")])
@@ -221,7 +255,9 @@ def test_small_roughness_is_the_smooth_conductor(variant):
 
 
 def test_no_reflection_where_eta_is_that_of_air(variant):
-    value, _ = sc.evaluate(sc.load(gamma=1.8, alpha=0.2, eta=1.0, k=0.0), sc.direction(40.0, 10.0), sc.direction(40.0, 190.0))
+    value, _ = sc.evaluate(
+        sc.load(gamma=1.8, alpha=0.2, eta=1.0, k=0.0), sc.direction(40.0, 10.0), sc.direction(40.0, 190.0)
+    )
     assert np.abs(value).max() < 1e-6
 
 
@@ -241,7 +277,10 @@ def test_texture_with_zeros_renders(llvm):
                 "film": {"type": "hdrfilm", "width": 48, "height": 48, "rfilter": {"type": "box"}},
             },
             "light": {"type": "constant"},
-            "ball": {"type": "sphere", "bsdf": {"type": "sgtdconductor", "gamma": 1.7, "shift": 0.3, "alpha": sc.texture(alpha)}},
+            "ball": {
+                "type": "sphere",
+                "bsdf": {"type": "sgtdconductor", "gamma": 1.7, "shift": 0.3, "alpha": sc.texture(alpha)},
+            },
         }
     )
     image = mi.render(scene, spp=64).numpy()
@@ -328,13 +367,21 @@ def test_distribution_is_that_of_the_core(variant, shape, roughness):
     exact = m.astype(np.float64)
     d, g1 = ndf.d(exact), ndf.g1(exact)
     # below 1e-20 D is 0, as in Mitsuba; and the value must not underflow
-    inside = (d * exact[:, 2] > 1e-6 * (d * exact[:, 2]).max()) & (d * exact[:, 2] > 1e-19) & (d * g1**2 / exact[:, 2] > 1e-30)
+    inside = (
+        (d * exact[:, 2] > 1e-6 * (d * exact[:, 2]).max())
+        & (d * exact[:, 2] > 1e-19)
+        & (d * g1**2 / exact[:, 2] > 1e-30)
+    )
     assert inside.sum() > 100
-    value, _ = sc.evaluate(sc.load(**SHAPES[shape], alpha_u=alpha_u, alpha_v=alpha_v, accuracy=0.0), m[inside], m[inside])
+    value, _ = sc.evaluate(
+        sc.load(**SHAPES[shape], alpha_u=alpha_u, alpha_v=alpha_v, accuracy=0.0), m[inside], m[inside]
+    )
     found = value[:, 0] * 4.0 * exact[inside, 2] / g1[inside] ** 2
     error = sc.relative_error(found, d[inside])
     REACHED[variant, shape, roughness] = error.max()
-    print(f"{shape}, alpha {roughness}: largest {error.max():.2e}, 99% {np.quantile(error, 0.99):.2e}, median {np.median(error):.2e}")
+    print(
+        f"{shape}, alpha {roughness}: largest {error.max():.2e}, 99% {np.quantile(error, 0.99):.2e}, median {np.median(error):.2e}"
+    )
     assert error.max() < 1e-5, exact[inside][error.argmax()]
 
 

@@ -5,7 +5,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-
 import scattering as sc
 from family import ANISOTROPIC, ISOTROPIC, KINDS, ROWS
 
@@ -58,7 +57,8 @@ def test_albedo_grows_with_correlation(llvm, masking):
     """Correlated masking loses less light: the two settings differ, and in this direction."""
     u = np.random.default_rng(10).random((1 << 16, 2))
     albedo = {
-        m: sc.sample(sc.load(gamma=1.8, shift=0.3, alpha=0.6, masking=m), sc.direction(60.0), u)[2].mean() for m in MASKING
+        m: sc.sample(sc.load(gamma=1.8, shift=0.3, alpha=0.6, masking=m), sc.direction(60.0), u)[2].mean()
+        for m in MASKING
     }
     assert albedo["height_correlated"] > albedo["separable"] + 0.01
 
@@ -66,7 +66,9 @@ def test_albedo_grows_with_correlation(llvm, masking):
 # -- polarization and transport
 
 
-@pytest.mark.parametrize("polarized, plain", [("llvm_ad_mono_polarized", "llvm_ad_mono"), ("scalar_spectral_polarized", "scalar_spectral")])
+@pytest.mark.parametrize(
+    "polarized, plain", [("llvm_ad_mono_polarized", "llvm_ad_mono"), ("scalar_spectral_polarized", "scalar_spectral")]
+)
 @pytest.mark.parametrize("row", ["sgtd", "ggx", "ggx_centered"])
 def test_intensity_of_mueller_matrix(polarized, plain, row):
     """The first element of the Mueller matrix is what the unpolarized variant returns."""
@@ -166,13 +168,25 @@ def small_scene(plugin_properties, integrator):
                 "type": "perspective",
                 "fov": 40,
                 "to_world": mi.ScalarTransform4f().look_at(origin=[0, -4, 2], target=[0, 0, 0], up=[0, 0, 1]),
-                "film": {"type": "hdrfilm", "width": 24, "height": 24, "rfilter": {"type": "box"}, "pixel_format": "rgb"},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": 24,
+                    "height": 24,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                },
                 "sampler": {"type": "independent"},
             },
-            "ground": {"type": "rectangle", "to_world": mi.ScalarTransform4f().scale(2), "bsdf": {"id": "metal", **plugin_properties}},
+            "ground": {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f().scale(2),
+                "bsdf": {"id": "metal", **plugin_properties},
+            },
             "light": {
                 "type": "rectangle",
-                "to_world": mi.ScalarTransform4f().look_at(origin=[0, 2.5, 2], target=[0, 0, 0], up=[0, 0, 1]).scale(0.7),
+                "to_world": mi.ScalarTransform4f()
+                .look_at(origin=[0, 2.5, 2], target=[0, 0, 0], up=[0, 0, 1])
+                .scale(0.7),
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [3, 3, 3]}},
             },
         }
@@ -182,7 +196,9 @@ def small_scene(plugin_properties, integrator):
 @pytest.mark.parametrize("integrator", ["path", "prb"])
 def test_derivative_of_render(llvm, integrator):
     """d(mean)/d(alpha) of an image, by AD against differences of images with the same random numbers."""
-    scene = small_scene({"type": "sgtdconductor", "gamma": 1.8, "shift": 0.4, "alpha": 0.3}, {"type": integrator, "max_depth": 2})
+    scene = small_scene(
+        {"type": "sgtdconductor", "gamma": 1.8, "shift": 0.4, "alpha": 0.3}, {"type": integrator, "max_depth": 2}
+    )
     params = mi.traverse(scene)
     key = next(k for k in params.keys() if k.endswith("alpha.value"))
     spp, seeds = 256, range(4)
@@ -199,7 +215,10 @@ def test_derivative_of_render(llvm, integrator):
         dr.backward(mean(alpha, seed))
         by_ad.append(float(dr.grad(alpha)[0]))
         step = 0.02
-        finite.append((float(mean(mi.Float(0.3 + step), seed).array[0]) - float(mean(mi.Float(0.3 - step), seed).array[0])) / (2 * step))
+        finite.append(
+            (float(mean(mi.Float(0.3 + step), seed).array[0]) - float(mean(mi.Float(0.3 - step), seed).array[0]))
+            / (2 * step)
+        )
     by_ad, finite = np.array(by_ad), np.array(finite)
     error = (by_ad.std() + finite.std()) / len(seeds) ** 0.5
     print(f"AD {by_ad.mean():.4f} +- {by_ad.std():.4f}, differences {finite.mean():.4f} +- {finite.std():.4f}")
@@ -245,13 +264,27 @@ def test_frozen_eval(llvm):
     bsdf = sc.load(gamma=1.8, p=1.2, alpha=0.3)
     params = mi.traverse(bsdf)
     seen = []
-    for changes in ({}, {"gamma": 2.5}, {"p": 2.0}, {"lambda": 0.4}, {"shift": 3.0}, {"gamma": float("inf")}, {"gamma": 2.0, "p": 1.0, "lambda": 0.0, "shift": 0.0}, {"alpha.value": 0.1}, {"p": 50.0}, {"p": 1.0, "shift": 500.0}, {"shift": 0.2}):
+    for changes in (
+        {},
+        {"gamma": 2.5},
+        {"p": 2.0},
+        {"lambda": 0.4},
+        {"shift": 3.0},
+        {"gamma": float("inf")},
+        {"gamma": 2.0, "p": 1.0, "lambda": 0.0, "shift": 0.0},
+        {"alpha.value": 0.1},
+        {"p": 50.0},
+        {"p": 1.0, "shift": 500.0},
+        {"shift": 0.2},
+    ):
         for key, value in changes.items():
             params[key] = value
         params.update()
         value, pdf = frozen(bsdf, si, out)
         expected, expected_pdf = call(bsdf, si, out)
-        assert np.allclose(value.numpy(), expected.numpy(), rtol=1e-6) and np.allclose(pdf.numpy(), expected_pdf.numpy(), rtol=1e-6)
+        assert np.allclose(value.numpy(), expected.numpy(), rtol=1e-6) and np.allclose(
+            pdf.numpy(), expected_pdf.numpy(), rtol=1e-6
+        )
         seen.append(value.numpy().sum())
     assert len(set(seen)) == len(seen)
     assert frozen.n_recordings <= 2
@@ -335,7 +368,9 @@ def test_three_estimators_agree(llvm, kind):
         ("combined", both, True, 256),
         ("combined, all normals", both, False, 256),
     ):
-        scene = small_scene({"type": "sgtdconductor", **KINDS[kind], **ANISOTROPIC, "sample_visible": visible}, integrator)
+        scene = small_scene(
+            {"type": "sgtdconductor", **KINDS[kind], **ANISOTROPIC, "sample_visible": visible}, integrator
+        )
         images = [mi.render(scene, spp=spp, seed=seed).numpy().mean() for seed in range(12)]
         means[name], errors[name] = np.mean(images), np.std(images, ddof=1) / len(images) ** 0.5
     print(kind, {name: f"{means[name]:.5f} +- {errors[name]:.5f}" for name in means})

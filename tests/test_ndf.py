@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 import scattering as sc
 import sgtd
 from family import KINDS, named
@@ -18,26 +17,31 @@ REFERENCE = Path(__file__).parent / "reference"
 TOLERANCE = {"A": 1e-13, "Af": 1e-13, "cdf": 1e-12, "sf": 1e-12, "Lambda": 1e-12}
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def reference(name):
     """{shape: {quantity: (arguments, values)}} of a file."""
     shapes = {}
     with open(REFERENCE / name, newline="") as file:
         for row in csv.DictReader(file):
             shape = tuple(float(row[key]) for key in ("gamma", "p", "lambda", "shift"))
-            shapes.setdefault(shape, {}).setdefault(row["quantity"], []).append((float(row["argument"] or 0), float(row["value"])))
-    return {shape: {q: tuple(map(np.array, zip(*rows))) for q, rows in quantities.items()} for shape, quantities in shapes.items()}
+            shapes.setdefault(shape, {}).setdefault(row["quantity"], []).append(
+                (float(row["argument"] or 0), float(row["value"]))
+            )
+    return {
+        shape: {q: tuple(map(np.array, zip(*rows))) for q, rows in quantities.items()}
+        for shape, quantities in shapes.items()
+    }
 
 
 CASES = [(name, shape) for name in ("visible.csv", "profile.csv") for shape in reference(name)]
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def ndf_of(shape):
     return sgtd.Ndf(*shape, alpha_u=1.0, alpha_v=1.0, accuracy=0.0)
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def direction_of_slope(a):
     """A unit vector (x, 0, z) with z/x nearer to a than a rounding (2^-54 against 2^-53): the best of many neighbors, found in exact arithmetic."""
     x0 = 1.0 / np.hypot(1.0, a)
@@ -67,7 +71,9 @@ WORST = {}
 
 
 @pytest.mark.parametrize("quantity", TOLERANCE)
-@pytest.mark.parametrize("name, shape", CASES, ids=lambda v: v if isinstance(v, str) else ",".join(f"{x:.10g}" for x in v))
+@pytest.mark.parametrize(
+    "name, shape", CASES, ids=lambda v: v if isinstance(v, str) else ",".join(f"{x:.10g}" for x in v)
+)
 def test_against_reference(name, shape, quantity):
     argument, expected = reference(name)[shape][quantity]
     error = sc.relative_error(computed(ndf_of(shape), quantity, argument), expected)
@@ -97,7 +103,27 @@ def test_quantile_and_cdf_are_inverse(shape):
     error = np.maximum(np.maximum(low - u, u - high), 0.0) / u
     assert error.max() <= 1e-11, u[error.argmax()]
 
-    x = np.array([v for v in (1e-6, 0.01, 0.2, 0.5, 0.9, 1.0, 1.2, 1.9, 3.0, 0.7 * shape[3], 0.999 * shape[3], shape[3], 1.01 * shape[3]) if v > 0])
+    x = np.array(
+        [
+            v
+            for v in (
+                1e-6,
+                0.01,
+                0.2,
+                0.5,
+                0.9,
+                1.0,
+                1.2,
+                1.9,
+                3.0,
+                0.7 * shape[3],
+                0.999 * shape[3],
+                shape[3],
+                1.01 * shape[3],
+            )
+            if v > 0
+        ]
+    )
     f, s = ndf.cdf(x), ndf.sf(x)
     lower = (f > 1e-290) & (f <= 0.5)
     upper = (s > 1e-290) & (s <= 0.5)
@@ -219,7 +245,9 @@ def test_sample_returns_its_density(kind, visible):
     valid = pdf > 0
     assert valid.mean() > 0.8
     assert np.allclose(np.linalg.norm(m[valid], axis=-1), 1.0, rtol=1e-12)
-    assert sc.relative_error(ndf.pdf(wi, m[valid], visible=visible), pdf[valid]).max() < (1e-6 if kind == "box" else 1e-8)
+    assert sc.relative_error(ndf.pdf(wi, m[valid], visible=visible), pdf[valid]).max() < (
+        1e-6 if kind == "box" else 1e-8
+    )
     # not visible: the density is that of D cos, up to what the table is good for
     if not visible:
         ratio = pdf[valid] / (ndf.d(m[valid]) * m[valid, 2])

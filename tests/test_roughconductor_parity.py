@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 import scattering as sc
 
 COUNT = 100_000
@@ -12,7 +11,9 @@ ROUGHNESS = {
     "smooth": lambda rng: dict(alpha=1e-3),
     "anisotropic": lambda rng: dict(alpha_u=0.4, alpha_v=0.05),
     "textured": lambda rng: dict(alpha=rng.uniform(0.02, 0.8, (8, 8))),
-    "textured_anisotropic": lambda rng: dict(alpha_u=rng.uniform(0.02, 0.8, (8, 8)), alpha_v=rng.uniform(0.02, 0.8, (4, 4))),
+    "textured_anisotropic": lambda rng: dict(
+        alpha_u=rng.uniform(0.02, 0.8, (8, 8)), alpha_v=rng.uniform(0.02, 0.8, (4, 4))
+    ),
 }
 
 

@@ -3,7 +3,6 @@
 import conftest
 import numpy as np
 import pytest
-
 import scattering as sc
 from family import ANISOTROPIC, ISOTROPIC, KINDS
 

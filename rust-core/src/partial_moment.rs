@@ -72,6 +72,12 @@ pub struct Side {
     tail: Exponent,
 }
 
+/// From here on γ is infinite to every digit: g differs from its limit by u²/(2γ), u < 745.
+const INFINITE_GAMMA: f64 = 1e25;
+/// From here on g is exp(−u) with that difference added: γ would magnify the rounding of 1 + u/γ beyond all bounds.
+const ALMOST_INFINITE_GAMMA: f64 = 1e15;
+/// Beyond this, exp(−u) is 0.
+const SPENT: f64 = 746.0;
 /// Beyond this, r^(2p) and its rounding error are about to overflow.
 const LARGEST_BASE: f64 = 1e300;
 /// Up to here the rounding of 1 + y costs less than 1e-13.
@@ -84,6 +90,7 @@ const LOWER_SERIES_MAX: f64 = 0.9;
 impl Side {
     /// γ (infinity allowed) and p of a validated shape.
     pub fn new(gamma: f64, p: f64) -> Self {
+        let gamma = if gamma < INFINITE_GAMMA { gamma } else { f64::INFINITY };
         Self {
             gamma,
             two_p: 2.0 * p,
@@ -104,10 +111,13 @@ impl Side {
         }
         let power = self.kurtosis.of(hi);
         let relative = self.two_p * (lo / hi);
-        if self.gamma.is_infinite() {
-            // (lo/hi) is 1e-16 at most, but r^(2p) may be infinite.
-            let correction = power * relative;
-            return if correction.is_finite() { (-power).exp() * (1.0 - correction) } else { 0.0 };
+        if self.gamma > ALMOST_INFINITE_GAMMA {
+            if power > SPENT {
+                return 0.0;
+            }
+            // −γ ln(1 + u/(γ−1)) = −u + u (u/2 − 1)/γ, to 1e-20
+            let rest = power * ((0.5 * power - 1.0) / self.gamma - relative);
+            return (-power).exp() * (1.0 + rest);
         }
         let less = self.gamma - 1.0;
         let y = power * self.inverse_less;
@@ -175,6 +185,9 @@ impl Side {
         if r.hi <= 0.0 {
             return 0.0;
         }
+        if r.hi.is_infinite() {
+            return self.total(k);
+        }
         let at = self.at(k, r);
         if at.prefix == 0.0 {
             return if at.fraction_converges { self.total(k) } else { 0.0 };
@@ -192,6 +205,9 @@ impl Side {
     pub fn upper(&self, k: u32, r: Radius) -> f64 {
         if r.hi <= 0.0 {
             return self.total(k);
+        }
+        if r.hi.is_infinite() {
+            return 0.0;
         }
         let at = self.at(k, r);
         if at.prefix == 0.0 {

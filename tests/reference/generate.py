@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reference values of the radial profile and of the masking function, by direct integration.
 
-    python3 generate.py                     write profile.csv beside this file (minutes; needs mpmath, gmpy2 makes it faster)
+    python3 generate.py                     write profile.csv beside this file (ten minutes with gmpy2, more without)
     python3 generate.py --verify FILE.csv   compute the rows of FILE.csv anew and print the largest relative difference;
                                             with --decimal the inputs are the decimals themselves, not the binary64 numbers next to them
 
@@ -33,12 +33,12 @@ from pathlib import Path
 from mpmath import mp, mpf
 
 WORKING_DIGITS = 50
-AGREEMENT = mpf("1e-19")       # between the two splittings; achieved values are printed at the end
-CLOSED_FORM = mpf("1e-20")     # between quadrature and closed form
-SMALLEST = mpf("1e-290")       # smaller values are not written: their binary64 neighborhood is coarse
-NEGLIGIBLE = mpf("1e-320")     # a piece of less is not refined: f spans thousands of orders of magnitude left of a ring
+AGREEMENT = mpf("1e-19")  # between the two splittings; achieved values are printed at the end
+CLOSED_FORM = mpf("1e-20")  # between quadrature and closed form
+SMALLEST = mpf("1e-290")  # smaller values are not written: their binary64 neighborhood is coarse
+NEGLIGIBLE = mpf("1e-320")  # a piece of less is not refined: f spans thousands of orders of magnitude left of a ring
 PRINTED_DIGITS = 21
-DROP = 120                     # a piece whose integrand is below exp(-DROP) of the peak is left out
+DROP = 120  # a piece whose integrand is below exp(-DROP) of the peak is left out
 
 mp.dps = WORKING_DIGITS
 INF = mp.inf
@@ -120,7 +120,7 @@ class Rule:
             k = 0 if level == first else 1
             while True:
                 t = k * h
-                q = mp.exp(-mp.pi * mp.sinh(t))      # node at 1/(1+q) and mirrored at q/(1+q)
+                q = mp.exp(-mp.pi * mp.sinh(t))  # node at 1/(1+q) and mirrored at q/(1+q)
                 x = q / (1 + q)
                 w = mp.pi * mp.cosh(t) * q / (1 + q) ** 2 * h
                 if w < smallest:
@@ -159,15 +159,17 @@ class Splitting:
     """Where pieces end. The two instances share no level, no R and no cut."""
 
     def __init__(self, levels, step, tail_start, tail_cuts, kernel_cuts):
-        self.levels = [mpf(v) for v in levels]      # of -ln f, then by `step`
+        self.levels = [mpf(v) for v in levels]  # of -ln f, then by `step`
         self.step = mpf(step)
-        self.tail_start = mpf(tail_start)           # R: where u > tail_start (gamma-1) and x > tail_start m
-        self.tail_cuts = [mpf(v) for v in tail_cuts]        # x/R at which the tail is cut again
-        self.kernel_cuts = [mpf(v) for v in kernel_cuts]    # t/a at which the masking kernel is cut
+        self.tail_start = mpf(tail_start)  # R: where u > tail_start (gamma-1) and x > tail_start m
+        self.tail_cuts = [mpf(v) for v in tail_cuts]  # x/R at which the tail is cut again
+        self.kernel_cuts = [mpf(v) for v in kernel_cuts]  # t/a at which the masking kernel is cut
 
 
 FIRST = Splitting([1e-30, 1e-12, 1e-5, 0.01, 0.2, 0.8, 2, 5, 10], 9, 6, [20, 1e3, 1e6], [1.4, 3, 10, 100, 1e4, 1e6])
-SECOND = Splitting([1e-22, 1e-9, 3e-4, 0.05, 0.4, 1.3, 3.4, 7], 7.3, 11, [11, 300, 7e4, 1e9], [1.2, 2.1, 6, 40, 2e3, 3e5])
+SECOND = Splitting(
+    [1e-22, 1e-9, 3e-4, 0.05, 0.4, 1.3, 3.4, 7], 7.3, 11, [11, 300, 7e4, 1e9], [1.2, 2.1, 6, 40, 2e3, 3e5]
+)
 
 
 def binary(text):
@@ -218,7 +220,7 @@ class Shape:
                 x = self.m - self.left * w
                 if x <= lo or level > 1400:
                     left_done = True
-                elif not cuts and level > 2 * DROP:      # masking: the kernel grows with t, what is left of here is nothing
+                elif not cuts and level > 2 * DROP:  # masking: the kernel grows with t, what is left of here is nothing
                     ends = [t for t in ends if t > x] + [x]
                     lo, left_done = x, True
                 else:
@@ -227,7 +229,12 @@ class Shape:
             if tail is None:
                 if x > lo:
                     ends.append(x)
-                if exponent is not None and w ** self.two_p > split.tail_start * self.kappa and x > split.tail_start * self.m and x >= last:
+                if (
+                    exponent is not None
+                    and w**self.two_p > split.tail_start * self.kappa
+                    and x > split.tail_start * self.m
+                    and x >= last
+                ):
                     tail = x
                 elif level > spent:
                     tail = False
@@ -243,7 +250,7 @@ class Shape:
         inv = -1 / e
 
         def in_v(v):
-            x = start * v ** inv
+            x = start * v**inv
             return g(x) * x / v
 
         cuts = [mpf(1)] + [c ** (-e) for c in split.tail_cuts] + [mpf(0)]
@@ -310,8 +317,12 @@ class Shape:
         """(1/(2A), {x: int_0^x}, {x: int_x^inf}) with enough digits to survive the differences."""
         with mp.workdps(WORKING_DIGITS + 350):
             s1, s2 = 1 / self.two_p, 1 / self.p
-            right = lambda w, up: (self.m * self.right * self.moment(s1, w, up) + self.right**2 * self.moment(s2, w, up)) / self.two_p
-            left = lambda w: (self.m * self.left * self.moment(s1, w, False) - self.left**2 * self.moment(s2, w, False)) / self.two_p
+            right = lambda w, up: (
+                (self.m * self.right * self.moment(s1, w, up) + self.right**2 * self.moment(s2, w, up)) / self.two_p
+            )
+            left = lambda w: (
+                (self.m * self.left * self.moment(s1, w, False) - self.left**2 * self.moment(s2, w, False)) / self.two_p
+            )
             whole_left = left((self.m / self.left) ** self.two_p) if self.m > 0 else mpf(0)
             whole_right = right(mpf(0), True)
             below, above = {}, {}
@@ -338,9 +349,14 @@ class Shape:
             if self.p == 1 and self.gamma < 1e6:
                 with mp.workdps(mp.dps + min(600, int(self.gamma * mp.log1p(q * q / self.kappa)))):
                     k = self.kappa
-                    front = mp.exp(k * mp.log(k) + mp.loggamma(self.gamma - mpf(1) / 2) - mp.loggamma(k)) / mp.sqrt(mp.pi)
+                    front = mp.exp(k * mp.log(k) + mp.loggamma(self.gamma - mpf(1) / 2) - mp.loggamma(k)) / mp.sqrt(
+                        mp.pi
+                    )
                     y = k / (k + q * q)
-                    return front * (k + q * q) ** (mpf(3) / 2 - self.gamma) / ((2 * self.gamma - 3) * q) - mp.betainc(k, mpf(1) / 2, 0, y, regularized=True) / 2
+                    return (
+                        front * (k + q * q) ** (mpf(3) / 2 - self.gamma) / ((2 * self.gamma - 3) * q)
+                        - mp.betainc(k, mpf(1) / 2, 0, y, regularized=True) / 2
+                    )
             if self.p == mpf(1) / 2 and self.normal:
                 if q > 50:
                     return None
@@ -426,7 +442,10 @@ def values_of(shape, name, profile_x, cdf_x, lambda_a, record, closed=True):
     rows = [("A", None, normalization)]
     rows += [("Af", x, normalization * shape.f(mpf(x))) for x in profile_x]
     for x, arg in zip(xs, cdf_x):
-        for quantity, first, second, form in (("sf", above1, above2, cabove if closed else None), ("cdf", below1, below2, cbelow if closed else None)):
+        for quantity, first, second, form in (
+            ("sf", above1, above2, cabove if closed else None),
+            ("cdf", below1, below2, cbelow if closed else None),
+        ):
             value = first[x] / n1
             if value < SMALLEST:
                 continue
@@ -466,7 +485,11 @@ def generate(path, shapes):
         new = values_of(shape, name, *arguments_of(shape), record)
         rows += [(*raw, q, decimal(x), mp.nstr(v, PRINTED_DIGITS)) for q, x, v in new]
         bar = "#" * (30 * (i + 1) // len(shapes))
-        print(f"[{bar:<30}] {i + 1}/{len(shapes)} {name}: {len(new)} rows, {time.time() - started:.0f} s", file=sys.stderr, flush=True)
+        print(
+            f"[{bar:<30}] {i + 1}/{len(shapes)} {name}: {len(new)} rows, {time.time() - started:.0f} s",
+            file=sys.stderr,
+            flush=True,
+        )
         # written after every shape: what is there can be used while the rest is computed
         with open(path, "w", newline="") as out:
             writer = csv.writer(out, lineterminator="\n")
@@ -488,7 +511,12 @@ def verify(path, read):
     for i, (key, rows) in enumerate(groups.items()):
         shape = Shape(*key, read)
         wanted = lambda *qs: sorted({read(x) for q, x, _ in rows if q in qs})
-        new = {(q, x): v for q, x, v in values_of(shape, key, wanted("Af"), wanted("cdf", "sf"), wanted("Lambda"), record, closed=False)}
+        new = {
+            (q, x): v
+            for q, x, v in values_of(
+                shape, key, wanted("Af"), wanted("cdf", "sf"), wanted("Lambda"), record, closed=False
+            )
+        }
         for q, x, v in rows:
             found = new.get((q, read(x) if x else None))
             if found is None:
@@ -497,7 +525,12 @@ def verify(path, read):
             d = relative(v, found)
             if d > worst.get(q, (mpf(-1),))[0]:
                 worst[q] = (d, key, x)
-        print(f"{i + 1}/{len(groups)} {','.join(key)}", {q: mp.nstr(d[0], 3) for q, d in worst.items()}, file=sys.stderr, flush=True)
+        print(
+            f"{i + 1}/{len(groups)} {','.join(key)}",
+            {q: mp.nstr(d[0], 3) for q, d in worst.items()},
+            file=sys.stderr,
+            flush=True,
+        )
     for q, (d, key, x) in worst.items():
         print(f"{q:8} largest relative difference {mp.nstr(d, 3)} at {','.join(key)} {x}")
 
