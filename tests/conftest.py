@@ -7,6 +7,7 @@ import importlib.util
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 # LLVM 14 to 16 end the process on processors with AVX-512 when a minimum is compiled, hence a process of its own.
@@ -48,7 +49,26 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", "ignore:The AST-transforming decorator:RuntimeWarning")
 
 
+# What tests of accuracy measured: name -> [largest relative error, its input, sum of squares, count]
+MEASURED: dict[str, list] = {}
+
+
+def measured(name: str, errors: np.ndarray, inputs) -> None:
+    """Adds errors, and the inputs that they belong to, to the table at the end of the output."""
+    entry = MEASURED.setdefault(name, [-1.0, None, 0.0, 0])
+    worst = int(np.argmax(errors))
+    if errors[worst] > entry[0]:
+        entry[:2] = float(errors[worst]), inputs(worst)
+    entry[2] += float(np.sum(np.square(errors)))
+    entry[3] += len(errors)
+
+
 def pytest_terminal_summary(terminalreporter):
+    if MEASURED:
+        terminalreporter.section("relative errors")
+        for name, (largest, where, squares, count) in sorted(MEASURED.items()):
+            rms = (squares / count) ** 0.5
+            terminalreporter.line(f"{name:24} largest {largest:.2e}  RMS {rms:.2e}  of {count:6}  worst at {where}")
     missing = {reason for reason in (why_not("llvm_ad_rgb"),) if reason}
     for reason in missing:
         terminalreporter.section("LLVM VARIANTS WERE NOT TESTED", sep="!")

@@ -13,7 +13,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from scipy import integrate, special
-
 from sgtd import cli
 from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published
 from sgtd.accuracy.images import ImageRow

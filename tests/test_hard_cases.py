@@ -343,8 +343,6 @@ SHAPES = {
 
 ROUGHNESSES = {"0.3": (0.3, 0.3), "1e-4": (1e-4, 1e-4), "10": (10.0, 10.0), "1e-3 and 10": (1e-3, 10.0)}
 
-REACHED = {}
-
 
 @pytest.mark.parametrize("roughness", ROUGHNESSES)
 @pytest.mark.parametrize("shape", SHAPES)
@@ -378,14 +376,8 @@ def test_distribution_is_that_of_the_core(variant, shape, roughness):
     )
     found = value[:, 0] * 4.0 * exact[inside, 2] / g1[inside] ** 2
     error = sc.relative_error(found, d[inside])
-    REACHED[variant, shape, roughness] = error.max()
+    conftest.measured(f"D in {variant}", error, lambda worst: f"{shape}, alpha {roughness}")
     print(
         f"{shape}, alpha {roughness}: largest {error.max():.2e}, 99% {np.quantile(error, 0.99):.2e}, median {np.median(error):.2e}"
     )
     assert error.max() < 1e-5, exact[inside][error.argmax()]
-
-
-def test_zz_report():
-    """What the tests above reached (shown with -rP)."""
-    for (variant, shape, roughness), error in sorted(REACHED.items(), key=lambda item: -item[1]):
-        print(f"{variant:12} {shape:20} alpha {roughness:12} {error:.2e}")

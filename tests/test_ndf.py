@@ -5,6 +5,7 @@ import functools
 from fractions import Fraction
 from pathlib import Path
 
+import conftest
 import numpy as np
 import pytest
 import scattering as sc
@@ -67,9 +68,6 @@ def computed(ndf, quantity, argument):
     return getattr(ndf, quantity)(argument)
 
 
-WORST = {}
-
-
 @pytest.mark.parametrize("quantity", TOLERANCE)
 @pytest.mark.parametrize(
     "name, shape", CASES, ids=lambda v: v if isinstance(v, str) else ",".join(f"{x:.10g}" for x in v)
@@ -78,15 +76,8 @@ def test_against_reference(name, shape, quantity):
     argument, expected = reference(name)[shape][quantity]
     error = sc.relative_error(computed(ndf_of(shape), quantity, argument), expected)
     i = error.argmax()
-    if error[i] > WORST.get((name, quantity), (-1.0,))[0]:
-        WORST[name, quantity] = (error[i], shape, argument[i])
+    conftest.measured(f"{quantity} in {name}", error, lambda worst: f"{shape}, argument {float(argument[worst])!r}")
     assert error[i] <= TOLERANCE[quantity], f"{quantity}({argument[i]!r}) = {expected[i]!r} is off by {error[i]:.2e}"
-
-
-def test_zz_report():
-    """The largest errors of the tests above (shown with -rP)."""
-    for (name, quantity), (error, shape, argument) in sorted(WORST.items()):
-        print(f"{name:12} {quantity:7} {error:.2e} at {shape}, argument {argument!r}")
 
 
 # -- inverses

@@ -52,8 +52,8 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
         } else {
             f64::NAN
         };
-        // Newton's step back to an end of the bracket: the root lies closer to it than to x.
-        if next == low && low > 0.0 || next == high && high < X_MAX {
+        // Newton's step to an end of the bracket that is next to x: no double is closer to the root.
+        if (next == low || next == high) && (next - x).abs() <= 4.0 * f64::EPSILON * x {
             return next;
         }
         let inside = next > low && next < high;

@@ -82,6 +82,8 @@ const SPENT: f64 = 746.0;
 const LARGEST_BASE: f64 = 1e300;
 /// Up to here the rounding of 1 + y costs less than 1e-13.
 const LARGEST_PLAIN_GAMMA: f64 = 1e3;
+/// Below this g loses digits, but r^k g in a power tail may still be 1e-280.
+const LEAST_NORMAL: f64 = 1e-305;
 /// Terms after which a series or continued fraction has long converged; the slowest (z = 0.9) needs 340.
 const CAP: usize = 2000;
 /// Up to here the power series of the lower function is used where the continued fraction does not converge.
@@ -238,11 +240,14 @@ impl Side {
                 (y * x, x, self.gamma * y * x)
             }
         };
-        // r^k g(r) by parts where r^k alone would overflow.
+        // r^k g(r), from logarithms where r^k alone would overflow or g has become denormal
         let g = self.g(radius);
         let power = r.powi(k as i32);
-        let prefix =
-            if power.is_finite() && g > 0.0 { power * g } else { (f64::from(k) * r.ln() - self.depth(r)).exp() };
+        let prefix = if power.is_finite() && g > LEAST_NORMAL {
+            power * g
+        } else {
+            (f64::from(k) * r.ln() - self.depth(r) - scaled * self.two_p * (radius.lo / r)).exp()
+        };
         Argument { s, b: self.other(k), z, x, scaled, prefix, fraction_converges: scaled > s.max(0.5) }
     }
 

@@ -157,7 +157,7 @@ impl VisibleTable {
         if cell.mass <= 0.0 {
             return None;
         }
-        let q = ((cell.above - target) / cell.mass).max(0.0).min(1.0);
+        let q = ((cell.above - target) / cell.mass).clamp(0.0, 1.0);
         let (d0, d1) = cell.ends;
         let k = d0 + d1 - 2.0;
         let b = d0 - q * k;

@@ -79,7 +79,7 @@ def label(axes: Any, x: float, y: float, text: str, color: str, side: str) -> No
     offset, across, along = {
         "left": ((-5, 0), "right", "center"),
         "right": ((6, 0), "left", "center"),
-        "above": ((6, 6), "right", "bottom"),
+        "above": ((-4, 6), "left", "bottom"),
         "below": ((4, -4), "left", "top"),
     }[side]
     look = {"textcoords": "offset points", "fontsize": SMALL, "color": color}

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from . import setting_text
-from .canvas import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, upright, wrapped
+from .canvas import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, wrapped
 from .errors import Spread
 from .stopwatch import Timing
 from .study import FunctionStudy, Study
@@ -62,10 +62,17 @@ def functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
         label(axes, left, _shown(functions.masking[group[0]].g1.largest), " … ".join(ends), BLUE, "left")
     for key in named:
         timing, errors = point(key)
-        label(axes, timing.median, _shown(errors.largest), key.replace(", ", ",\n"), VERMILION, "below")
+        label(
+            axes,
+            timing.median,
+            _shown(errors.largest),
+            key.replace(", ", ",\n"),
+            VERMILION,
+            "above" if errors.largest < 1e-12 else "below",
+        )
     if quadrature:
         nodes = [key.split(", ")[1].split()[0] for key in (quadrature[0], quadrature[-1])]
-        timing, errors = point(quadrature[-1])
+        timing, errors = point(quadrature[0])
         label(
             axes,
             timing.median,
@@ -78,7 +85,8 @@ def functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
     reference = times[text, "lambda", "0.0"]
     axes.axvspan(reference.low, reference.high, color=GREEN, alpha=0.15, linewidth=0)
     axes.axvline(reference.median, color=GREEN, linewidth=1.2, linestyle=":")
-    upright(axes, reference.median, 0.3, "adaptive quadrature,\nthe reference", GREEN)
+    over = {"transform": axes.get_xaxis_transform(), "fontsize": SMALL, "color": GREEN}
+    axes.text(reference.low, 0.99, "adaptive quadrature, \nthe reference ", ha="right", va="top", **over)
     axes.text(
         0.03,
         0.03,
@@ -91,8 +99,8 @@ def functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     low, high = axes.get_xlim()
-    axes.set_xlim(low / 4.5, high * 1.6)
-    axes.set_ylim(0.3 * ERROR_FLOOR, 500.0)
+    axes.set_xlim(low * (low / high) ** 0.3, high * 1.6)  # room for labels on the left
+    axes.set_ylim(0.3 * ERROR_FLOOR, 1e4)
     axes.set_yticks([10.0**k for k in range(-16, 1, 2)])
     axes.set_xlabel("time of one Λ on one core, ns")
     axes.set_ylabel("relative error of G1: worst (mark), RMS (lower end)")

@@ -42,7 +42,7 @@ def masking_lines(shape: Shape, orders: tuple[int, ...] = ORDERS) -> list[Line]:
         lines.append(
             Line("closed form, incomplete beta", "own integration", lambda a: student_lambda(a, shape.gamma)),
         )
-    if shape.is_student:
+    if shape.is_student and not shape.is_ggx:  # nobody needs a fit of GGX
         fit = Line("fit of 2017", "Ribardière et al. 2017, eq. 22 to 23", lambda a: student_fit(a, shape.gamma))
         lines.append(fit)
     if shape.is_beckmann:

@@ -28,7 +28,7 @@ _ALPHA = 0.3
 
 # One measurement should take about so long: far above the resolution of the clock, below a time slice of the system.
 _TARGET_SECONDS = 3e-3
-_MOST_CALLS = 200_000
+_MOST_CALLS = 1_000_000
 
 
 @dataclass(frozen=True)

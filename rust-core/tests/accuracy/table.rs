@@ -1,0 +1,135 @@
+//! The permitted error of every public function, and what it is measured against.
+//!
+//! Errors are relative. Four sources of inputs feed every measured row: a list (with the reference files), the edges of the
+//! domain, an even spacing, and chance.
+
+use crate::measure::{self, Record};
+
+/// One public function.
+pub struct Row {
+    /// `file::Type::function`, or `file::function`.
+    pub function: &'static str,
+    /// How its numbers are checked.
+    pub check: Check,
+}
+
+/// What is known of a function's error.
+pub enum Check {
+    /// It stays below a bound.
+    Within {
+        /// The greatest relative error that is permitted.
+        permitted: f64,
+        /// What it is measured against.
+        against: &'static str,
+        /// The measurement.
+        measure: fn() -> Record,
+    },
+    /// It has no accuracy of its own: it constructs, selects or copies. The named test covers it.
+    Total {
+        /// A test function of this folder.
+        test: &'static str,
+    },
+}
+
+const fn within(function: &'static str, permitted: f64, against: &'static str, measure: fn() -> Record) -> Row {
+    Row { function, check: Check::Within { permitted, against, measure } }
+}
+
+const fn total(function: &'static str, test: &'static str) -> Row {
+    Row { function, check: Check::Total { test } }
+}
+
+const FILES: &str = "reference files and double-double quadrature";
+const DEFINITION: &str = "the definition in double-double arithmetic";
+const QUADRATURE: &str = "double-double quadrature";
+
+/// All rows.
+pub const TABLE: &[Row] = &[
+    // the profile
+    within("profile::Profile::f", 1e-13, DEFINITION, measure::profile::f),
+    within("profile::Profile::f_past", 1e-13, DEFINITION, measure::profile::f_past),
+    within("profile::Profile::f_fast", 1e-11, DEFINITION, measure::profile::f_fast),
+    within("profile::Profile::normalization", 1e-13, FILES, measure::profile::normalization),
+    within("profile::Profile::cdf", 1e-12, FILES, measure::profile::cdf),
+    within("profile::Profile::sf", 1e-12, FILES, measure::profile::sf),
+    within("profile::Profile::quantile", 1e-11, "cdf and back, both ways", measure::profile::quantile),
+    within("profile::Profile::isf", 1e-11, "sf and back, both ways", measure::profile::isf),
+    within("profile::Profile::mean", 1e-13, QUADRATURE, measure::profile::mean),
+    // its parts
+    within("partial_moment::Radius::of", 1e-30, DEFINITION, measure::moments::radius),
+    within("partial_moment::Side::g", 1e-13, DEFINITION, measure::moments::g),
+    within("partial_moment::Side::g_fast", 1e-11, DEFINITION, measure::moments::g_fast),
+    within("partial_moment::Side::depth", 1e-14, DEFINITION, measure::moments::depth),
+    within("partial_moment::Side::radius_at_depth", 1e-13, DEFINITION, measure::moments::radius_at_depth),
+    within("partial_moment::Side::total", 1e-14, QUADRATURE, measure::moments::total),
+    within("partial_moment::Side::lower", 1e-12, QUADRATURE, measure::moments::lower),
+    within("partial_moment::Side::upper", 1e-12, QUADRATURE, measure::moments::upper),
+    within("gamma_ratio::gamma", 3e-15, QUADRATURE, measure::moments::gamma),
+    within("gamma_ratio::scaled_gamma_ratio", 2e-14, QUADRATURE, measure::moments::scaled_gamma_ratio),
+    within("exponent::Exponent::of", 4e-16, DEFINITION, measure::moments::power),
+    within("exponent::Exponent::fast", 2e-13, DEFINITION, measure::moments::power_fast),
+    within("exponent::Exponent::fast_reciprocal", 2e-13, DEFINITION, measure::moments::reciprocal_fast),
+    // masking
+    within("masking::MaskingIntegral::at", 1e-12, FILES, measure::masking::lambda),
+    // S is the slope of tables only
+    within("masking::MaskingIntegral::at", 1e-11, QUADRATURE, measure::masking::share),
+    // directions
+    within("ndf::Ndf::d", 1e-13, DEFINITION, measure::directions::d),
+    within("ndf::Ndf::lambda", 1e-12, QUADRATURE, measure::directions::lambda),
+    within("ndf::Ndf::g1", 1e-12, QUADRATURE, measure::directions::g1),
+    within("ndf::Ndf::g2", 1e-12, QUADRATURE, measure::directions::g2),
+    within("ndf::Ndf::pdf_projected", 1e-13, DEFINITION, measure::directions::pdf_projected),
+    // solvers
+    within("quadrature::Gauss::integrate", 3e-14, "powers of x", measure::solvers::gauss_rule),
+    within("invert::solve", 4e-15, "inverses in closed form", measure::solvers::inversion),
+    within("azimuth::Azimuth::mass", 1e-14, QUADRATURE, measure::solvers::azimuth_mass),
+    // two steps of the iteration; what is left moves the drawn azimuth, not the density that is reported for it
+    within("azimuth::Azimuth::sample", 3e-7, QUADRATURE, measure::solvers::azimuth_sample),
+    // constructed, selected or copied
+    total("azimuth::Azimuth::new", "solvers_stay_within_their_permitted_error"),
+    total("exponent::Exponent::new", "powers_near_whole_exponents_are_continuous"),
+    total("lambda_table::LambdaTable::new", "promised_accuracy_is_reached"),
+    total("lambda_table::LambdaTable::h", "promised_accuracy_is_reached"),
+    total("lambda_table::LambdaTable::reached", "promised_accuracy_is_reached"),
+    total("lambda_table::LambdaTable::flat", "flat_masking_table_gives_what_the_core_gives"),
+    total("lambda_table::LambdaTable::shift", "flat_masking_table_gives_what_the_core_gives"),
+    total("lambda_table::LambdaTable::first", "flat_masking_table_gives_what_the_core_gives"),
+    total("lambda_table::LambdaTable::cells", "flat_masking_table_gives_what_the_core_gives"),
+    total("masking::MaskingIntegral::new", "masking_stays_within_its_permitted_error"),
+    total("ndf::Roughness::new", "roughness_out_of_range_is_named"),
+    total("ndf::Ndf::new", "accuracy_out_of_range_is_named"),
+    total("ndf::Ndf::profile", "projected_normals_integrate_to_one"),
+    total("ndf::Ndf::lambda_table", "flat_masking_table_gives_what_the_core_gives"),
+    total("ndf::Ndf::visible_table", "flat_visible_table_gives_what_the_core_gives"),
+    total("ndf::Ndf::accuracy_reached", "promised_accuracy_is_reached"),
+    total("ndf::Ndf::steepness", "steepness_of_known_profiles"),
+    total("ndf::Ndf::pdf_visible", "visible_pdf_integrates_to_what_is_not_lost"),
+    total("ndf::Ndf::sample_visible", "visible_normals_are_drawn_from_their_pdf"),
+    total("ndf::Ndf::sample_projected", "projected_normals_are_drawn_from_their_pdf"),
+    total("partial_moment::Width::new", "moments_stay_within_their_permitted_error"),
+    total("partial_moment::Radius::exact", "moments_stay_within_their_permitted_error"),
+    total("partial_moment::Side::new", "moments_stay_within_their_permitted_error"),
+    total("profile::Profile::breaks", "break_points_divide_the_profile_evenly"),
+    total("profile::Profile::cusps", "cusps_are_where_the_profile_is_not_smooth"),
+    total("profile::Profile::tail", "tails_are_what_they_say"),
+    total("quadrature::gauss", "solvers_stay_within_their_permitted_error"),
+    total("quadrature::Gauss::nodes", "nodes_are_ascending_and_weights_sum_to_one"),
+    total("shape::Shape::new", "shapes_out_of_range_are_named"),
+    total("shape::Shape::gamma", "shapes_keep_their_parameters"),
+    total("shape::Shape::p", "shapes_keep_their_parameters"),
+    total("shape::Shape::lambda", "shapes_keep_their_parameters"),
+    total("shape::Shape::shift", "shapes_keep_their_parameters"),
+    total("shape::Row::named", "rows_are_found_by_name"),
+    total("shape::Row::shape", "rows_fix_their_parameters"),
+    total("shape::Row::alpha_scale", "hyper_cauchy_is_student_at_another_scale"),
+    total("skewed_t::SkewedT::new", "profiles_stay_within_their_permitted_error"),
+    total("skewed_t::SkewedT::shape", "shapes_keep_their_parameters"),
+    total("visible_table::VisibleTable::new", "weights_of_visible_normals_are_even"),
+    total("visible_table::VisibleTable::flat", "flat_visible_table_gives_what_the_core_gives"),
+    total("visible_table::VisibleTable::scale", "flat_visible_table_gives_what_the_core_gives"),
+    total("visible_table::VisibleTable::slopes", "flat_visible_table_gives_what_the_core_gives"),
+    total("visible_table::VisibleTable::mixture", "flat_visible_table_gives_what_the_core_gives"),
+    total("visible_table::VisibleTable::unseen", "projected_normals_are_drawn_from_their_pdf"),
+    total("visible_table::VisibleTable::sample", "drawn_slopes_have_the_density_that_is_reported"),
+    total("visible_table::VisibleTable::density", "drawn_slopes_have_the_density_that_is_reported"),
+];

@@ -1,0 +1,197 @@
+//! Do the tables keep what they promise: accuracy, size, and a flat layout that gives what the core gives?
+
+mod cases;
+
+use cases::{Case, LIST, Random};
+use rayon::prelude::*;
+use sgtd_core::lambda_table::{FINEST_ACCURACY, LambdaTable};
+use sgtd_core::masking::{MaskingIntegral, Rule};
+use sgtd_core::ndf::{Ndf, Roughness};
+use sgtd_core::visible_table::{CELLS, FIRST_PAIR, ROWS};
+
+const ACCURACIES: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+
+/// Accuracies that are promised to be reached; at 1e-7 the rounding of single-precision nodes is as large.
+const REACHED_FROM: f64 = 1e-6;
+
+/// Bytes that the two tables of a material may take together at the default accuracy.
+const DEFAULT_ACCURACY: f64 = 1e-3;
+const LARGEST: usize = 16 * 1024;
+
+fn shapes() -> Vec<Case> {
+    let mut shapes = LIST.to_vec();
+    shapes.extend(cases::random_shapes(&mut Random::seeded("tables"), 20));
+    shapes
+}
+
+/// Arguments between which the table is measured: evenly in the logarithm, over all octaves that a table may span.
+fn arguments() -> impl Iterator<Item = f64> {
+    const COUNT: u32 = 2000;
+    (0..COUNT).map(|k| 10f64.powf(-9.0 + 17.0 * f64::from(k) / f64::from(COUNT)))
+}
+
+/// The relative error of G1 against quadrature is at most what `reached` says, and that at most what was asked for.
+#[test]
+fn promised_accuracy_is_reached() {
+    let results: Vec<(Case, [(f64, f64, f64, usize); 7])> = shapes()
+        .into_par_iter()
+        .map(|case| {
+            let profile = case.profile();
+            let masking = MaskingIntegral::new(&profile, Rule::REFERENCE);
+            let rough = MaskingIntegral::new(&profile, Rule::TABLE);
+            let truth: Vec<(f64, f64)> = arguments().map(|a| (a, masking.at(&profile, a).h)).collect();
+            let measured = ACCURACIES.map(|accuracy| {
+                let table = LambdaTable::new(&profile, &rough, accuracy);
+                let (error, a) = truth
+                    .iter()
+                    .map(|&(a, h)| (((a + h) / (a + table.h(a)) - 1.0).abs(), a))
+                    .fold((0.0, 0.0), |worst, next| if next.0 > worst.0 { next } else { worst });
+                (error, table.reached(), a, 4 * table.flat().len())
+            });
+            (case, measured)
+        })
+        .collect();
+    let mut failures = Vec::new();
+    for (case, measured) in results {
+        println!("{case:?}");
+        for (accuracy, (error, reached, a, bytes)) in ACCURACIES.into_iter().zip(measured) {
+            println!("    {accuracy:.0e}: error {error:.1e} at a = {a:.2e}, reached {reached:.1e}, {bytes} bytes");
+            if error > reached {
+                failures.push(format!("{case:?} at {accuracy:e}: error {error:.2e} above {reached:.2e} at a = {a:e}"));
+            }
+            if accuracy >= REACHED_FROM && reached > accuracy {
+                failures.push(format!("{case:?} at {accuracy:e}: reached only {reached:.2e}"));
+            }
+            if reached > 4.0 * FINEST_ACCURACY.max(accuracy) {
+                failures.push(format!("{case:?} at {accuracy:e}: reached only {reached:.2e}"));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "\n{}", failures.join("\n"));
+}
+
+/// A finer accuracy never makes a smaller table, and what is reached follows what is asked for.
+#[test]
+fn tables_grow_with_accuracy() {
+    for case in LIST {
+        let profile = case.profile();
+        let rough = MaskingIntegral::new(&profile, Rule::TABLE);
+        let sizes = ACCURACIES.map(|accuracy| LambdaTable::new(&profile, &rough, accuracy).flat().len());
+        assert!(sizes.windows(2).all(|pair| pair[0] <= pair[1]), "{case:?}: {sizes:?}");
+    }
+}
+
+#[test]
+fn tables_fit_into_the_first_level_cache() {
+    for case in shapes() {
+        let ndf = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
+        let bytes = 4 * (ndf.lambda_table().flat().len() + ndf.visible_table().flat().len());
+        assert!(bytes <= LARGEST, "{case:?}: {bytes} bytes");
+    }
+}
+
+/// H from the flat table as a renderer reads it: single precision, a shift of the argument's bits, cubic Hermite cells.
+fn h_from_flat(flat: &[f32], shift: u32, first: u32, cells: u32, a: f32) -> f32 {
+    let key = a.to_bits() >> shift;
+    let cell = (i64::from(key) - i64::from(first) + 1).clamp(0, i64::from(cells) - 1) as u32;
+    let node = |k: u32| f32::from_bits(k << shift);
+    let high = node(cell + first);
+    let low = if cell == 0 { 0.0 } else { node(cell + first - 1) };
+    let width = high - low;
+    let t = ((a - low) / width).clamp(0.0, 1.0);
+    let pair = |k: u32| (flat[2 * k as usize], flat[2 * k as usize + 1]);
+    let ((h0, s0), (h1, s1)) = (pair(cell), pair(cell + 1));
+    let rest = 1.0 - t;
+    (rest * rest * (h0 * (1.0 + 2.0 * t) + s0 * width * t) + t * t * (h1 * (3.0 - 2.0 * t) - s1 * width * rest))
+        .max(0.0)
+}
+
+#[test]
+fn flat_masking_table_gives_what_the_core_gives() {
+    for case in LIST {
+        for accuracy in [1e-2, 1e-4, 1e-6] {
+            let ndf = Ndf::new(Box::new(case.profile()), accuracy).unwrap_or_else(|error| panic!("{error}"));
+            let table = ndf.lambda_table();
+            assert_eq!(table.flat().len(), 2 * (table.cells() as usize + 1));
+            let special = [0.0, f32::from_bits(1), f32::MIN_POSITIVE, f32::MAX, f32::INFINITY];
+            for a in arguments().map(|a| a as f32).chain(special) {
+                let flat = h_from_flat(table.flat(), table.shift(), table.first(), table.cells(), a);
+                if !a.is_finite() {
+                    assert!(flat.is_finite() && flat >= 0.0, "{case:?}: H(∞) = {flat}");
+                    continue;
+                }
+                let core = table.h(f64::from(a));
+                // rounding of the single-precision cubic, whose terms are as large as H at the left end
+                let error = (f64::from(flat) - core).abs() / (f64::from(a) + core);
+                assert!(error < 1e-6, "{case:?} {accuracy:e} a = {a:e}: H = {flat:e}, core {core:e}");
+            }
+        }
+    }
+}
+
+/// The layout that renderers read: 64 finite knots and ∞, one 0 of padding, then a row of pairs (C, g) for each view.
+#[test]
+fn flat_visible_table_gives_what_the_core_gives() {
+    for case in LIST {
+        let ndf = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
+        let table = ndf.visible_table();
+        let flat = table.flat();
+        assert_eq!(flat.len(), 2 * (FIRST_PAIR + ROWS * (CELLS + 1)), "{case:?}");
+        assert_eq!((flat[0], flat[CELLS], flat[CELLS + 1]), (0.0, f32::INFINITY, 0.0), "{case:?}");
+        assert!(flat[..CELLS + 1].windows(2).all(|pair| pair[0] < pair[1]), "{case:?}: knots {:?}", &flat[..CELLS + 1]);
+        assert!(table.scale() > 0.0 && table.scale().is_finite());
+        assert!((table.scale() * std::f64::consts::PI / ndf.profile().mean() - 1.0).abs() < 1e-14, "{case:?}");
+        let slopes = table.slopes();
+        assert_eq!(slopes.len(), CELLS);
+        assert!(
+            slopes.iter().zip(flat).all(|(slope, &y)| (slope * slope - f64::from(y)).abs() <= 1e-15 * f64::from(y))
+        );
+        for row in 0..ROWS {
+            let pair = |j: usize| {
+                let k = 2 * (FIRST_PAIR + row * (CELLS + 1) + j);
+                (flat[k], flat[k + 1])
+            };
+            assert!((0..CELLS).all(|j| pair(j).0 >= pair(j + 1).0), "{case:?} row {row}: masses above do not fall");
+            assert!(
+                (0..=CELLS).all(|j| pair(j).0 >= 0.0 && pair(j).1 >= 0.0 && pair(j).1.is_finite()),
+                "{case:?} row {row}"
+            );
+            assert_eq!(pair(CELLS), (0.0, 0.0), "{case:?} row {row}");
+            // exactly on a row, the density at a knot is g/C₀
+            let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
+            let mixture =
+                if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
+            for j in 0..CELLS - 1 {
+                let (got, want) =
+                    (table.density(mixture, f64::from(flat[j])), f64::from(pair(j).1) / f64::from(pair(0).0));
+                let empty = pair(j).0 == pair(j + 1).0;
+                assert!(
+                    empty || (got - want).abs() <= 1e-5 * want,
+                    "{case:?} row {row} knot {j}: {got:e}, not {want:e}"
+                );
+            }
+        }
+    }
+}
+
+/// Λ and G1 of directions at any accuracy are those of the table or of quadrature; the two modes agree to the promise.
+#[test]
+fn modes_agree_to_the_promised_accuracy() {
+    let mut random = Random::seeded("modes");
+    let views: Vec<_> = (0..300).map(|_| random.direction()).collect();
+    LIST.into_par_iter().for_each(|case| {
+        let ndf = |accuracy| Ndf::new(Box::new(case.profile()), accuracy).unwrap_or_else(|error| panic!("{error}"));
+        let exact = ndf(0.0);
+        assert!(exact.accuracy_reached() <= 1e-12);
+        for accuracy in [1e-2, 1e-4] {
+            let table = ndf(accuracy);
+            assert!(table.accuracy_reached() <= accuracy, "{case:?}: {} of {accuracy}", table.accuracy_reached());
+            for (k, &w) in views.iter().enumerate() {
+                let alpha = [(1.0, 1.0), (0.1, 0.1), (0.05, 0.5)][k % 3];
+                let alpha = Roughness { u: alpha.0, v: alpha.1 };
+                let error = (table.g1(alpha, w) / exact.g1(alpha, w) - 1.0).abs();
+                assert!(error <= table.accuracy_reached(), "{case:?} {accuracy:e} {alpha:?} {w:?}: {error:e}");
+            }
+        }
+    });
+}
