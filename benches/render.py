@@ -111,7 +111,9 @@ def weights(sample_visible: bool, count: int, angle: float) -> np.ndarray:
     import drjit as dr
     import mitsuba as mi
 
-    bsdf = mi.load_dict({"type": "sgtdconductor", "material": "none", "alpha": 0.3, "sample_visible": sample_visible, **FULL})
+    bsdf = mi.load_dict(
+        {"type": "sgtdconductor", "material": "none", "alpha": 0.3, "sample_visible": sample_visible, **FULL}
+    )
     si = dr.zeros(mi.SurfaceInteraction3f, count)
     sin, cos = np.sin(np.radians(angle)), np.cos(np.radians(angle))
     si.wi = mi.Vector3f(float(sin), 0, float(cos))
@@ -185,7 +187,9 @@ def main(repetitions: int) -> None:
                 left, right = (np.array(mi.render(scene, spp=4, seed=3)) for scene in (ours, theirs))
                 apart = np.abs(left - right).max() / right.max()
                 ratios = interleaved(timed(ours, spp), timed(theirs, spp), repetitions)
-                Row(f"render, {variant}, {distribution}, pixels within {apart:.0e}", "roughconductor", "<= 1.01").print(ratios)
+                Row(f"render, {variant}, {distribution}, pixels within {apart:.0e}", "roughconductor", "<= 1.01").print(
+                    ratios
+                )
                 step()
         if len(variants) > 1:
             one, hundred = many_materials(1), many_materials(100)

@@ -46,9 +46,13 @@ def register() -> None:
     try:
         import mitsuba as mi
     except ImportError as error:
-        raise ImportError(f"sgtd needs Mitsuba {MITSUBA_RELEASE}, which cannot be imported ({error}). {mend}") from error
+        raise ImportError(
+            f"sgtd needs Mitsuba {MITSUBA_RELEASE}, which cannot be imported ({error}). {mend}"
+        ) from error
     if mi.__version__ != MITSUBA_RELEASE:
-        raise ImportError(f"sgtd was built for Mitsuba {MITSUBA_RELEASE}, but Mitsuba {mi.__version__} is installed. {mend}")
+        raise ImportError(
+            f"sgtd was built for Mitsuba {MITSUBA_RELEASE}, but Mitsuba {mi.__version__} is installed. {mend}"
+        )
     resolver = mi.file_resolver()
     if str(PLUGIN_DIR) not in map(str, resolver):
         resolver.append(str(PLUGIN_DIR))

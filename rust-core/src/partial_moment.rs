@@ -246,7 +246,8 @@ impl Side {
         let prefix = if power.is_finite() && g > LEAST_NORMAL {
             power * g
         } else {
-            (f64::from(k) * r.ln() - self.depth(r) - scaled * self.two_p * (radius.lo / r)).exp()
+            let rest = scaled * self.two_p * (radius.lo / r);
+            (f64::from(k) * r.ln() - self.depth(r) - if rest.is_finite() { rest } else { 0.0 }).exp()
         };
         Argument { s, b: self.other(k), z, x, scaled, prefix, fraction_converges: scaled > s.max(0.5) }
     }

@@ -79,7 +79,7 @@ fn every_measured_row_is_checked() {
 /// The oracle is independent of the reference files, so it is measured against them before it measures anything.
 #[test]
 fn oracle_reproduces_the_reference_values() {
-    for (quantity, permitted) in [("A", 2e-15), ("Af", 2e-15), ("cdf", 2e-15), ("sf", 1e-14), ("Lambda", 1e-14)] {
+    for (quantity, permitted) in [("A", 2e-15), ("Af", 2e-15), ("cdf", 5e-15), ("sf", 1e-14), ("Lambda", 1e-14)] {
         let record = measure::oracle_against_references(quantity);
         println!(
             "{quantity:<7} max {:.1e} of {permitted:.0e}, rms {:.1e}, worst {}",
