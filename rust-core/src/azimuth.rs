@@ -60,7 +60,7 @@ impl Azimuth {
     /// ψ with `h(ψ) = share · h(φ₁)`.
     ///
     /// The start combines the three limits d ψ, e ψ²/2 and a ψ³/6 of h into one cube and is off by 18 % at most; two
-    /// steps of Halley's method leave 4e-3 and 2e-7 of ψ there, and far less elsewhere (test `azimuth_solves_kepler`).
+    /// steps of Halley's method leave 4e-3 and 2e-7 of ψ there, and far less elsewhere (test `solvers_stay_within_their_permitted_error`).
     fn solve(&self, share: f64) -> Terms {
         let target = share * self.half;
         let root = 0.5 * self.e * target;

@@ -15,7 +15,7 @@ pub fn gamma(s: f64) -> f64 {
 ///
 /// b is passed because the caller knows it without cancellation, and Γ(b) ≈ 1/b where it is small.
 ///
-/// Relative error below 2e-14 (test `total_moment` of the accuracy table).
+/// Relative error below 2e-14 (test `moments_stay_within_their_permitted_error`).
 pub fn scaled_gamma_ratio(gamma_: f64, s: f64, b: f64) -> f64 {
     if gamma_.is_infinite() {
         return 1.0;

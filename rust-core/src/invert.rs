@@ -33,6 +33,7 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
     let log_target = target.ln();
     // squared by each step out of reach of Newton's: a quantile may lie at 1e299, and the density is 0 long before
     let mut reach = 16.0_f64;
+    let mut last_miss = f64::INFINITY;
     for _ in 0..CAP {
         let value = (function.value)(x);
         if value == target {
@@ -44,20 +45,25 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
             high = x
         }
         let slope = (function.slope)(x);
-        let next = if value > 0.0 && slope != 0.0 {
+        let (next, miss) = if value > 0.0 && slope != 0.0 {
             // d ln value / d ln x = x slope / value
             let difference = (target - value) / value;
             let log_ratio = if difference.abs() < 0.5 { difference.ln_1p() } else { log_target - value.ln() };
-            x + x * (log_ratio * value / (x * slope)).exp_m1()
+            (x + x * (log_ratio * value / (x * slope)).exp_m1(), log_ratio.abs())
         } else {
-            f64::NAN
+            (f64::NAN, f64::INFINITY)
         };
         // Newton's step to an end of the bracket that is next to x: no double is closer to the root.
         if (next == low || next == high) && (next - x).abs() <= 4.0 * f64::EPSILON * x {
             return next;
         }
+        // Across the rim of a ring with two widths Newton's steps go to and fro and hardly closer.
+        let slow = miss > 0.5 * last_miss && low > 0.0 && high < f64::INFINITY;
+        last_miss = miss;
         let inside = next > low && next < high;
-        let step = if inside && next < 16.0 * x && next > x / 16.0 {
+        let step = if inside && (next - x).abs() <= 2.0 * f64::EPSILON * x {
+            return next;
+        } else if inside && !slow && next < 16.0 * x && next > x / 16.0 {
             next
         } else if low == 0.0 || high.is_infinite() {
             let away = if low == 0.0 { x.min(high) / reach } else { x.max(low) * reach };

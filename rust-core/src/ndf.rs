@@ -162,6 +162,9 @@ impl Ndf {
         if sec2 < 1e100 {
             finite(scale * f * sec2 * sec2)
         } else {
+            if f == 0.0 {
+                return 0.0;
+            }
             // cos⁴ underflows long before the quotient overflows
             let root = f.sqrt() * sec2;
             finite(scale * root * root)

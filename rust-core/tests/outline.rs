@@ -68,6 +68,13 @@ fn tails_are_what_they_say() {
             }
             Tail::Power { exact_from, excess } => {
                 assert!((excess - case.excess()).abs() <= 1e-15 * excess.max(1.0), "{case:?}: excess {excess}");
+                // sf = c x^(−1−excess): where f is denormal and its powers overflow, too
+                let mut x = exact_from;
+                while x < 1e290 && profile.sf(2.0 * x) > 1e-290 {
+                    let fall = (profile.sf(x) / profile.sf(2.0 * x)).log2();
+                    assert!((fall - 1.0 - excess).abs() < 2e-12, "{case:?}: sf falls by 2^{fall} from {x:e}");
+                    x *= 32.0;
+                }
                 let (near, far) = (profile.f(exact_from), profile.f(2.0 * exact_from));
                 if far > 1e-290 {
                     let fall = (near / far).log2();
