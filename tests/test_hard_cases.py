@@ -381,3 +381,19 @@ def test_distribution_is_that_of_the_core(variant, shape, roughness):
         f"{shape}, alpha {roughness}: largest {error.max():.2e}, 99% {np.quantile(error, 0.99):.2e}, median {np.median(error):.2e}"
     )
     assert error.max() < 1e-5, exact[inside][error.argmax()]
+
+
+@pytest.mark.parametrize("p", [1.0, 1.5, 3.0, 8.0, 10.0, 20.0, 29.0, 50.0])
+@pytest.mark.parametrize("gamma", [2.0, INF])
+def test_no_hole_in_the_lobe(variant, gamma, p):
+    """Near the center x^(2p) passes through the least exponents of both precisions, where exp2 may return anything: D stays at its peak."""
+    alpha = 0.5
+    # around 2^-126, 2^-149, 2^-1022 and 2^-1074, and over all of the center
+    exponents = np.concatenate([np.linspace(e - 3, e + 3, 600) for e in (-127, -149, -1023, -1074)])
+    x = np.concatenate([2.0 ** (exponents / (2 * p)), 10.0 ** np.linspace(-12, -2, 600)])
+    x = x[(x < 1e-2) & (x > 1e-18)]
+    m = np.stack([alpha * x, np.zeros(len(x)), np.ones(len(x))], axis=-1)
+    value, pdf = sc.evaluate(sc.load(gamma=gamma, p=p, alpha=alpha), m, m)
+    # f differs from 1 by x^(2p) gamma/(gamma-1), which is 2e-4 at most
+    assert value[:, 0].min() > 0.999 * value[:, 0].max()
+    assert pdf.min() > 0.99 * pdf.max()

@@ -17,9 +17,9 @@ const X_MAX: f64 = 1e304;
 
 /// Finds x with `value(x) = target` for 0 ≤ target ≤ 1; 0 or ∞ where the target is at the end of the range.
 ///
-/// Newton's method on ln value against ln x, kept inside a bracket: where a step leaves the bracket, or the
-/// value has underflowed to 0, the bracket is halved (geometrically) instead. The result is a fixed point to the last
-/// two bits of x.
+/// Newton's method on ln value against ln x, kept inside a bracket: where a step leaves the bracket, the last one did not
+/// halve ln(value/target), or the value has underflowed to 0, the bracket is halved (geometrically) instead. The result is
+/// a fixed point to the last two bits of x.
 pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
     let rising = function.rising;
     if target <= 0.0 {
