@@ -396,4 +396,5 @@ def test_no_hole_in_the_lobe(variant, gamma, p):
     value, pdf = sc.evaluate(sc.load(gamma=gamma, p=p, alpha=alpha), m, m)
     # f differs from 1 by x^(2p) gamma/(gamma-1), which is 2e-4 at most
     assert value[:, 0].min() > 0.999 * value[:, 0].max()
-    assert pdf.min() > 0.99 * pdf.max()
+    # the density is that of the table, which need not be flat
+    assert pdf.min() > 0.9 * pdf.max()

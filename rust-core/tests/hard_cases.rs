@@ -304,6 +304,25 @@ fn skew_of_999_thousandths() {
     }
 }
 
+/// Where a broad side meets one a thousand times narrower, the logarithmic slope of sf jumps by as much, and Newton's steps go to
+/// and fro across the rim, hardly closer each time.
+#[test]
+fn quantiles_across_a_rim_of_two_widths() {
+    for (p, lambda, shift) in
+        [(0.301, -0.9993, 0.4509), (0.169, -0.999, 0.0958), (0.25, 0.999, 0.3), (1.0, -0.999, 2.0)]
+    {
+        let profile = case(INF, p, lambda, shift).profile();
+        for k in 1..1000 {
+            let u = f64::from(k) / 1000.0;
+            let (cdf, sf) = (profile.cdf(profile.quantile(u)), profile.sf(profile.isf(u)));
+            assert!(
+                (cdf / u - 1.0).abs() < 1e-11 && (sf / u - 1.0).abs() < 1e-11,
+                "p = {p}, λ = {lambda}, u = {u}: {cdf} {sf}"
+            );
+        }
+    }
+}
+
 /// Back-reflection has m = wi exactly, where halfway vectors and polarization frames degenerate.
 #[test]
 fn light_and_view_coincide() {

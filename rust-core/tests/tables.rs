@@ -161,9 +161,9 @@ fn flat_visible_table_gives_what_the_core_gives() {
             let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
             let mixture =
                 if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
-            for j in 0..CELLS - 1 {
+            for (j, &knot) in flat.iter().enumerate().take(CELLS - 1) {
                 let (got, want) =
-                    (table.density(mixture, f64::from(flat[j])), f64::from(pair(j).1) / f64::from(pair(0).0));
+                    (table.density(mixture, f64::from(knot)), f64::from(pair(j).1) / f64::from(pair(0).0));
                 let empty = pair(j).0 == pair(j + 1).0;
                 assert!(
                     empty || (got - want).abs() <= 1e-5 * want,
