@@ -19,6 +19,9 @@ template <typename Value_> struct SgtdProfile {
     using Value  = Value_;
     using Scalar = dr::scalar_t<Value>;
 
+    /// Least exponent given to exp2, which returns garbage where its result would be denormal.
+    static constexpr Scalar LeastPower = (Scalar)-120;
+
     /// 1 / (gamma - 1), gamma (finite), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
     Value inv_gamma_1, gamma, p, shift, inv_outer, inv_inner;
 
@@ -46,7 +49,7 @@ template <typename Value_> struct SgtdProfile {
         Value x = dr::sqrt(dr::maximum(y, (Scalar)1e-20)) - shift;
         x *= dr::select(x > 0, inv_outer, inv_inner);
         Value x2    = dr::clip(dr::square(x), (Scalar)1e-30, (Scalar)1e37);
-        Value power = dr::exp2(dr::minimum(p * dr::log2(x2), (Scalar)126)),
+        Value power = dr::exp2(dr::clip(p * dr::log2(x2), LeastPower, (Scalar)126)),
               u = dr::select(p == 1, x2, power), z = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
         // ln(1+z) loses the digits of a small z (at 1e-4 three remain): 2 artanh(z/(2+z)) there
         Value inv_2z = dr::rcp(2 + z), s2 = dr::square(z * inv_2z),
