@@ -25,7 +25,7 @@ template <typename Float_> struct SgtdTables {
 
     /// Greatest |d ln f / d ln x| for single precision: a slope has 2e-7 of relative error, a
     /// Gaussian 28. Lower values cost time, higher ones accuracy.
-    static constexpr double Steep = 34.0;
+    static constexpr double Steep = 38.0;
 
     /// Factor on the roughness that the user gives
     Float alpha_scale;

@@ -1,7 +1,7 @@
 //! Does the core agree with what is known in closed form, and with Smith's masking taken literally?
 //!
-//! Also: how good are the special functions of statrs at this family's arguments? They are the obvious thing to use, and this is why
-//! most of them are not used.
+//! Also: how good are the special functions of statrs at this family's arguments? They are the obvious thing to use,
+//! and this is why most of them are not used.
 
 mod cases;
 mod oracle;
@@ -154,8 +154,8 @@ fn normalizations_in_closed_form() {
     }
 }
 
-/// Smith's Λ taken literally: `Λ = 1/μ ∫_μ^∞ (x−μ) ∫ P₂₂ dy dx` over slopes along and across the direction, in real slopes
-/// (Ribardière et al. 2019, Eq. 10); the core has reduced it to one integral over a stretched radius.
+/// Smith's Λ taken literally: `Λ = 1/μ ∫_μ^∞ (x−μ) ∫ P₂₂ dy dx` over slopes along and across the direction, in real
+/// slopes (Ribardière et al. 2019, Eq. 10); the core has reduced it to one integral over a stretched radius.
 #[test]
 fn masking_is_smiths_double_integral() {
     let shapes = [
@@ -208,8 +208,9 @@ fn relative(got: f64, want: f64) -> f64 {
     if got == want { 0.0 } else { (got / want - 1.0).abs() }
 }
 
-/// Γ and the incomplete beta function miss the accuracy that is promised, which is why `partial_moment` has expansions of its
-/// own and `gamma_ratio` uses libm's Γ. One expansion serves all tails, so the incomplete gamma functions are not used either.
+/// Γ and the incomplete beta function miss the accuracy that is promised, which is why `partial_moment` has expansions
+/// of its own and `gamma_ratio` uses libm's Γ. One expansion serves all tails, so the incomplete gamma functions are
+/// not used either.
 #[test]
 fn special_functions_of_statrs() {
     let gamma_error = worst((1..8000).map(|k| {

@@ -1,7 +1,8 @@
 //! Is every function continuous where its formula changes?
 //!
-//! Two neighboring inputs on either side of a switch must give values that differ by no more than the function itself does:
-//! `|after − before| ≤ (slope · step + tolerance) · |value|`, with the slope taken from wider steps on the same side.
+//! Two neighboring inputs on either side of a switch must give values that differ by no more than the function itself
+//! does: `|after − before| ≤ (slope · step + tolerance) · |value|`, with the slope taken from wider steps on the same
+//! side.
 
 mod cases;
 
@@ -61,7 +62,8 @@ fn gamma_towards_infinity() {
                 }
                 let expected = (near / limit - 1.0) * 1e4 / gamma;
                 let change = at / limit - 1.0;
-                // far out, 1/γ is not small against u⁻², and the change less than linear; but it is neither missed nor doubled
+                // far out, 1/γ is not small against u⁻², and the change less than linear; but it is neither missed nor
+                // doubled
                 let off = (change - expected).abs();
                 let permitted = if expected.abs() < 1e-5 { 0.3 } else { 1.0 } * expected.abs() + 2e-12;
                 assert!(
@@ -194,8 +196,8 @@ fn gamma_ratio_where_its_series_takes_over() {
     }
 }
 
-/// J_k and its complement change between two series and a continued fraction; the arguments where they do are not public,
-/// so a fine scan in r passes all of them: the third difference of ln J would show a jump.
+/// J_k and its complement change between two series and a continued fraction; the arguments where they do are not
+/// public, so a fine scan in r passes all of them: the third difference of ln J would show a jump.
 #[test]
 fn moments_where_their_expansions_change() {
     for gamma in [1.05, 1.6, 2.0, 5.5, 16.0, 40.0, 1e3, 1e12, INF] {
@@ -211,7 +213,8 @@ fn moments_where_their_expansions_change() {
                         let value = if upper { side.upper(k, r) } else { side.lower(k, r) };
                         (value.ln(), r.hi.ln())
                     };
-                    // steps of 1e-4 in ln depth: a smooth function's third divided difference times its step cubed is 1e-11
+                    // steps of 1e-4 in ln depth: a smooth function's third divided difference times its step cubed is
+                    // 1e-11
                     let step = 1.0001f64;
                     let mut depth = 1e-3;
                     let mut last = [value(depth), value(depth * step), value(depth * step * step)];

@@ -1,4 +1,5 @@
-//! Does the fuzz target's check pass for a few seconds? (`cargo run --release --example fuzz` runs as long as it is told to.)
+//! Does the fuzz target's check pass for a few seconds? (`cargo run --release --example fuzz` runs as long as it is
+//! told to.)
 
 #[path = "../examples/fuzz/check.rs"]
 mod check;

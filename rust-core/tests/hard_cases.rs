@@ -1,4 +1,5 @@
-//! The cases that renderers were reported to get wrong, and those that this family makes hard: one test and one reason each.
+//! The cases that renderers were reported to get wrong, and those that this family makes hard: one test and one reason
+//! each.
 //!
 //! The same names run again through the plugin, in single precision.
 
@@ -58,8 +59,8 @@ fn assert_good(ndf: &Ndf, alpha: Roughness, wi: DVec3, what: &str) {
     }
 }
 
-/// A roughness of exactly 0, or a texture with zeros in it, divides by zero in every formula: it is refused here, and floored at
-/// 1e-4 by the caller, where everything must be finite.
+/// A roughness of exactly 0, or a texture with zeros in it, divides by zero in every formula: it is refused here, and
+/// floored at 1e-4 by the caller, where everything must be finite.
 #[test]
 fn roughness_of_zero() {
     for (u, v) in [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (-0.0, 0.1)] {
@@ -263,7 +264,8 @@ fn box_of_p_fifty() {
     }
 }
 
-/// As 2pγ → 3 the mean slope, and with it masking, becomes infinite: nothing may jump, overflow or lose its digits on the way.
+/// As 2pγ → 3 the mean slope, and with it masking, becomes infinite: nothing may jump, overflow or lose its digits on
+/// the way.
 #[test]
 fn gamma_at_its_limit() {
     let mut before = 0.0;
@@ -304,8 +306,8 @@ fn skew_of_999_thousandths() {
     }
 }
 
-/// Where a broad side meets one a thousand times narrower, the logarithmic slope of sf jumps by as much, and Newton's steps go to
-/// and fro across the rim, hardly closer each time.
+/// Where a broad side meets one a thousand times narrower, the logarithmic slope of sf jumps by as much, and Newton's
+/// steps go to and fro across the rim, hardly closer each time.
 #[test]
 fn quantiles_across_a_rim_of_two_widths() {
     for (p, lambda, shift) in
@@ -396,8 +398,8 @@ fn masking_never_brightens() {
     }
 }
 
-/// Bounded sampling leaves out normals whose reflection goes below the horizon, but refraction needs them: all that face the
-/// view must be drawn.
+/// Bounded sampling leaves out normals whose reflection goes below the horizon, but refraction needs them: all that
+/// face the view must be drawn.
 #[test]
 fn visible_normals_are_not_bounded_by_reflection() {
     for shape in [case(2.0, 1.0, 0.0, 0.0), case(INF, 1.0, 0.0, 0.5), case(3.0, 2.0, 0.5, 1.0)] {

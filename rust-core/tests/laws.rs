@@ -1,7 +1,8 @@
 //! Do the laws hold that follow from what D, G1, G2 and the pdfs are?
 //!
-//! Integrals over normals run in stretched slopes (ρ, ψ), where nothing depends on the roughness, but every value comes from the
-//! public functions of directions. One law is integrated in real angles too, so that a mistaken Jacobian cannot hide.
+//! Integrals over normals run in stretched slopes (ρ, ψ), where nothing depends on the roughness, but every value comes
+//! from the public functions of directions. One law is integrated in real angles too, so that a mistaken Jacobian
+//! cannot hide.
 
 mod cases;
 

@@ -1,4 +1,5 @@
-//! Does a profile tell the truth about its outline: break points, cusps, tail and steepness? Quadrature and tables rely on it.
+//! Does a profile tell the truth about its outline: break points, cusps, tail and steepness? Quadrature and tables rely
+//! on it.
 
 mod cases;
 
@@ -85,7 +86,8 @@ fn tails_are_what_they_say() {
     }
 }
 
-/// |d ln f/d ln x| of a power tail tends to 2pγ, which it reaches where 1e-7 of the peak is left; for exp(−x²) it is 2x² there.
+/// |d ln f/d ln x| of a power tail tends to 2pγ, which it reaches where 1e-7 of the peak is left; for exp(−x²) it is
+/// 2x² there.
 #[test]
 fn steepness_of_known_profiles() {
     let steepness = |case: Case| match Ndf::new(Box::new(case.profile()), 1e-3) {

@@ -1,7 +1,7 @@
 //! What holds for every shape, roughness and direction, however close to the edge of the domain?
 //!
-//! Generators prefer edges: parameters at the ends of their ranges or a rounding away, directions at the pole and the horizon, random
-//! numbers 0 and just below 1.
+//! Generators prefer edges: parameters at the ends of their ranges or a rounding away, directions at the pole and the
+//! horizon, random numbers 0 and just below 1.
 
 mod cases;
 
@@ -106,13 +106,16 @@ proptest! {
 
     /// cdf rises, sf falls, and together they are 1.
     #[test]
-    fn distribution_functions_are_monotone(shape in shapes(), x in log_range(1e-9, 1e9), factor in log_range(1.0, 10.0)) {
+    fn distribution_functions_are_monotone(
+        shape in shapes(), x in log_range(1e-9, 1e9), factor in log_range(1.0, 10.0),
+    ) {
         let profile = SkewedT::new(shape);
         let (cdf, sf) = (profile.cdf(x), profile.sf(x));
         let (later_cdf, later_sf) = (profile.cdf(x * factor), profile.sf(x * factor));
         prop_assert!((cdf + sf - 1.0).abs() < 1e-12, "cdf + sf = {}", cdf + sf);
-        prop_assert!(0.0 <= cdf && cdf <= later_cdf * (1.0 + 1e-12) && later_cdf <= 1.0, "cdf {} then {}", cdf, later_cdf);
-        prop_assert!(0.0 <= later_sf && later_sf <= sf * (1.0 + 1e-12) && sf <= 1.0, "sf {} then {}", sf, later_sf);
+        let rises = |low: f64, high: f64| 0.0 <= low && low <= high * (1.0 + 1e-12) && high <= 1.0;
+        prop_assert!(rises(cdf, later_cdf), "cdf {} then {}", cdf, later_cdf);
+        prop_assert!(rises(later_sf, sf), "sf {} then {}", sf, later_sf);
     }
 
     /// Inverses rise and come back, up to what one rounding of x changes.
@@ -124,8 +127,11 @@ proptest! {
         let slack = 1.0 + 1e-11;
         // a tail like 1/x reaches 1e-300 where doubles end
         prop_assume!(high < 1e304);
-        prop_assert!(profile.cdf(low.next_down()) <= u * slack && u <= profile.cdf(low.next_up()) * slack, "cdf({}) = {}", low, profile.cdf(low));
-        prop_assert!(profile.sf(high.next_up()) <= u * slack && u <= profile.sf(high.next_down()) * slack, "sf({}) = {}", high, profile.sf(high));
+        let between = |below: f64, above: f64| below <= u * slack && u <= above * slack;
+        let (below, above) = (profile.cdf(low.next_down()), profile.cdf(low.next_up()));
+        prop_assert!(between(below, above), "u is outside {} .. {} at x = {}", below, above, low);
+        let (below, above) = (profile.sf(high.next_up()), profile.sf(high.next_down()));
+        prop_assert!(between(below, above), "u is outside {} .. {} at x = {}", below, above, high);
     }
 }
 
@@ -141,11 +147,14 @@ proptest! {
         // next to 2pγ = 3 half of the mean lies in the last of the tail; the promise ends at an excess of 1e-3
         let excess = (2.0 * shape.p()).mul_add(shape.gamma(), -3.0);
         let slack = (1e-12 + 1e-15 / excess) * zero.h;
-        prop_assert!(near.h >= 0.0 && near.h <= zero.h + slack && near.h >= zero.h - 0.5 * a - slack, "H = {} of {}", near.h, zero.h);
-        prop_assert!((0.0..=0.5 + 1e-12).contains(&near.s) && far.s <= near.s * (1.0 + 1e-9), "S {} then {}", near.s, far.s);
+        let above_tangent = near.h >= (zero.h - 0.5 * a - slack).max(0.0);
+        prop_assert!(above_tangent && near.h <= zero.h + slack, "H = {} of {}", near.h, zero.h);
+        let falls = far.s <= near.s * (1.0 + 1e-9);
+        prop_assert!((0.0..=0.5 + 1e-12).contains(&near.s) && falls, "S {} then {}", near.s, far.s);
         let chord = (near.h - far.h) / (a * factor - a);
         let rounding = (1e-11 * near.h + slack) / (a * factor - a) + 1e-9 * near.s;
-        prop_assert!(chord <= near.s + rounding && chord >= far.s - rounding, "chord {} outside {} .. {}", chord, far.s, near.s);
+        let between = (far.s - rounding..=near.s + rounding).contains(&chord);
+        prop_assert!(between, "chord {} outside {} .. {}", chord, far.s, near.s);
     }
 
     /// No value of a direction is negative, infinite or not a number, and shadowing is reciprocal and bounded.
@@ -163,7 +172,8 @@ proptest! {
             prop_assert_eq!(ndf.d(alpha, -m), 0.0);
         }
         let (i, o) = (ndf.g1(alpha, wi), ndf.g1(alpha, wo));
-        prop_assert!(good(ndf.lambda(alpha, wi)) && (0.0..=1.0).contains(&i), "Λ = {}, G1 = {}", ndf.lambda(alpha, wi), i);
+        let lambda = ndf.lambda(alpha, wi);
+        prop_assert!(good(lambda) && (0.0..=1.0).contains(&i), "Λ = {}, G1 = {}", lambda, i);
         for shadowing in [Shadowing::Separable, Shadowing::HeightCorrelated] {
             let g2 = ndf.g2(alpha, wi, wo, shadowing);
             prop_assert_eq!(g2, ndf.g2(alpha, wo, wi, shadowing));
@@ -173,17 +183,20 @@ proptest! {
 
     /// A sample is a normal of unit length that faces the viewer, with the density that is reported for it.
     #[test]
-    fn samples_are_what_they_report(shape in shapes(), alpha in roughness(), wi in directions(), u in (units(), units())) {
+    fn samples_are_what_they_report(
+        shape in shapes(), alpha in roughness(), wi in directions(), u in (units(), units()),
+    ) {
         let ndf = ndf(shape, 1e-3);
         for (sample, visible) in [(ndf.sample_visible(alpha, wi, u), true), (ndf.sample_projected(alpha, u), false)] {
             if sample.pdf == 0.0 {
                 continue;
             }
-            prop_assert!(sample.pdf > 0.0 && sample.pdf < f64::INFINITY && sample.d_over_pdf >= 0.0 && sample.d_over_pdf < f64::INFINITY, "{:?}", sample);
+            prop_assert!(sample.pdf > 0.0 && sample.pdf < f64::INFINITY, "{:?}", sample);
+            prop_assert!((0.0..f64::INFINITY).contains(&sample.d_over_pdf), "{:?}", sample);
             prop_assert!((sample.m.length() - 1.0).abs() < 1e-12 && sample.m.z > 0.0, "{:?}", sample);
             prop_assert!(!visible || sample.m.dot(wi) > -1e-12, "{:?} faces away", sample);
-            // the rounding of m: between the densities a hundred roundings of the slope to either side, up to what the cosine
-            // loses where the density vanishes at the rim of what is visible
+            // the rounding of m: between the densities a hundred roundings of the slope to either side, up to what the
+            // cosine loses where the density vanishes at the rim of what is visible
             let pdf = |step: f64| {
                 let m = DVec3::new(sample.m.x * (1.0 + step), sample.m.y * (1.0 + step), sample.m.z);
                 if visible { ndf.pdf_visible(alpha, wi, m) } else { ndf.pdf_projected(alpha, m) }
@@ -200,11 +213,16 @@ proptest! {
 
     /// Turning everything by the same angle changes nothing where both roughnesses are equal.
     #[test]
-    fn isotropic_values_do_not_turn(shape in shapes(), alpha in log_range(1e-3, 5.0), theta in 0.0..1.57f64, angle in -PI..PI) {
+    fn isotropic_values_do_not_turn(
+        shape in shapes(), alpha in log_range(1e-3, 5.0), theta in 0.0..1.57f64, angle in -PI..PI,
+    ) {
         let (ndf, alpha) = (ndf(shape, 1e-3), Roughness { u: alpha, v: alpha });
         let (there, here) = (direction(theta, angle), direction(theta, 0.0));
         let (turned, still) = (ndf.d(alpha, there), ndf.d(alpha, here));
-        prop_assert!((turned - still).abs() <= (1e-12 + 1e-14 * ndf.steepness() * 50.0) * still.max(1e-30) || still < 1e-7 * ndf.d(alpha, DVec3::Z), "{} {}", turned, still);
+        // the rounding of the turned direction, as much as the profile is steep
+        let permitted = (1e-12 + 5e-13 * ndf.steepness()) * still.max(1e-30);
+        let far_out = still < 1e-7 * ndf.d(alpha, DVec3::Z);
+        prop_assert!((turned - still).abs() <= permitted || far_out, "{} {}", turned, still);
         prop_assert!((ndf.g1(alpha, there) / ndf.g1(alpha, here) - 1.0).abs() < 1e-12);
     }
 }

@@ -245,8 +245,9 @@ fn drawn_slopes_have_the_density_that_is_reported() {
     });
 }
 
-/// E[w²] of the weight true/drawn over what is drawn: 1 is perfect, 1.002 is promised for every row of the family and every
-/// view. A tail near 2pγ = 3 has slopes beyond the last knot, which no reflection needs: its weights are those of the rest.
+/// E[w²] of the weight true/drawn over what is drawn: 1 is perfect, 1.002 is promised for every row of the family and
+/// every view. A tail near 2pγ = 3 has slopes beyond the last knot, which no reflection needs: its weights are those of
+/// the rest.
 #[test]
 fn weights_of_visible_normals_are_even() {
     let worst = all_cases()

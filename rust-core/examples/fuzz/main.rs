@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release --example fuzz -- --seconds 600 [--seed N]`
 //!
-//! Every shape that the core accepts is evaluated at some thousands of inputs; the first failing one is printed as bits and ends the run
-//! with an error.
+//! Every shape that the core accepts is evaluated at some thousands of inputs; the first failing one is printed as bits
+//! and ends the run with an error.
 
 mod check;
 

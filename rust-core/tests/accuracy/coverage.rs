@@ -1,4 +1,5 @@
-//! A small reader of Rust sources: which functions are public, which tests exist, and which tests the documentation names.
+//! A small reader of Rust sources: which functions are public, which tests exist, and which tests the documentation
+//! names.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,6 +1,7 @@
 //! The stretched distribution over directions: D, Λ, G1, G2 and the pdf of D·cos, at accuracy 0.
 //!
-//! References take the three coordinates of a direction as exact numbers; that its length is 1 only to rounding changes nothing.
+//! References take the three coordinates of a direction as exact numbers; that its length is 1 only to rounding changes
+//! nothing.
 
 use super::{Record, SMALLEST, Source, oracle, over_shapes};
 use crate::cases::{Case, Random, direction};

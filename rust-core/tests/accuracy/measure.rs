@@ -148,8 +148,8 @@ fn from_file(file: &str, quantity: &str) -> Vec<Reference> {
     rows
 }
 
-/// How far the oracle is from our own reference values, whose inputs are exact doubles; the shared file's are decimals, and
-/// the rounding of its γ = 1.501 alone moves Λ by 1e-13.
+/// How far the oracle is from our own reference values, whose inputs are exact doubles; the shared file's are decimals,
+/// and the rounding of its γ = 1.501 alone moves Λ by 1e-13.
 pub fn oracle_against_references(quantity: &str) -> Record {
     let rows = from_file(PROFILE, quantity);
     // every quantity but f takes milliseconds

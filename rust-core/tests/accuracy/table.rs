@@ -1,7 +1,7 @@
 //! The permitted error of every public function, and what it is measured against.
 //!
-//! Errors are relative. Four sources of inputs feed every measured row: a list (with the reference files), the edges of the
-//! domain, an even spacing, and chance.
+//! Errors are relative. Four sources of inputs feed every measured row: a list (with the reference files), the edges of
+//! the domain, an even spacing, and chance.
 
 use crate::measure::{self, Record};
 

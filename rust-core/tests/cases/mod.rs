@@ -1,4 +1,5 @@
-//! Shapes and numbers that tests are fed with, from four sources: a list, the edges of the domain, an even spacing, chance.
+//! Shapes and numbers that tests are fed with, from four sources: a list, the edges of the domain, an even spacing,
+//! chance.
 #![allow(dead_code)] // every test crate uses a part of it
 
 use glam::DVec3;

@@ -1,6 +1,7 @@
 //! Arithmetic on unevaluated sums of two doubles: about 31 decimal digits.
 //!
-//! Sums and products: Dekker 1971, Knuth TAOCP 4.2.2. `exp` by Taylor's series after halving, `ln` by one Newton step on it.
+//! Sums and products: Dekker 1971, Knuth TAOCP 4.2.2. `exp` by Taylor's series after halving, `ln` by one Newton step
+//! on it.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -1,4 +1,5 @@
-//! The family straight from its definition: the profile in double-double arithmetic and its integrals by the tanh-sinh rule.
+//! The family straight from its definition: the profile in double-double arithmetic and its integrals by the tanh-sinh
+//! rule.
 //!
 //! Nothing is shared with the crate under test: no closed form, no special function, no Gauss rule. Relative errors
 //! are below 1e-14 (measured by `oracle_reproduces_the_reference_values` of the accuracy tests).
@@ -234,8 +235,8 @@ impl Oracle {
 
 /// `√(ρ²−q²) − q acos(q/ρ)` and `acos(q/ρ)` for ρ = q + past.
 ///
-/// With t = tan ψ the bracket is q (t − atan t), and `atan t = t/(1+K)`, `K = t²/(3 + 4t²/(5 + 9t²/(7 + …)))` (Euler) gives
-/// `t − atan t = t K/(1+K)` without a difference.
+/// With t = tan ψ the bracket is q (t − atan t), and `atan t = t/(1+K)`, `K = t²/(3 + 4t²/(5 + 9t²/(7 + …)))` (Euler)
+/// gives `t − atan t = t K/(1+K)` without a difference.
 pub fn kernel(q: f64, past: f64) -> (f64, f64) {
     let height = (past * (past + 2.0 * q)).sqrt();
     let angle = height.atan2(q);
@@ -272,8 +273,8 @@ fn rule() -> &'static [(f64, f64)] {
     })
 }
 
-/// The tanh-sinh rule on one piece; in ln r where the ends are some way apart. (Where they are farther apart still, from is
-/// next to 0, and the rule's nodes crowd there anyway.)
+/// The tanh-sinh rule on one piece; in ln r where the ends are some way apart. (Where they are farther apart still,
+/// from is next to 0, and the rule's nodes crowd there anyway.)
 fn tanh_sinh(from: Dd, to: Dd, integrand: &dyn Fn(Dd) -> f64) -> f64 {
     let logarithmic = to.hi > 4.0 * from.hi && to.hi < 1e3 * from.hi;
     let width = to - from;
