@@ -1,0 +1,304 @@
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <ostream>
+
+#include <mitsuba/core/properties.h>
+#include <mitsuba/core/string.h>
+#include <mitsuba/render/bsdf.h>
+#include <mitsuba/render/microfacet.h>
+#include <mitsuba/render/texture.h>
+
+#include "sgtd_distribution.h"
+
+NAMESPACE_BEGIN(mitsuba)
+
+/**
+ * What all BSDFs with an SGTD distribution have in common: the roughness, the row of the family
+ * with its parameters, and the distribution that follows from them.
+ */
+template <typename Float, typename Spectrum> class SgtdBSDF : public BSDF<Float, Spectrum> {
+public:
+    MI_IMPORT_BASE(BSDF)
+    MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
+
+    void traverse(TraversalCallback *cb) override {
+        const auto rough = ParamFlags::Differentiable | ParamFlags::Discontinuous;
+        if (m_alpha_u == m_alpha_v) {
+            cb->put("alpha", m_alpha_u, rough);
+        } else {
+            cb->put("alpha_u", m_alpha_u, rough);
+            cb->put("alpha_v", m_alpha_v, rough);
+        }
+        for (Parameter &parameter : m_parameters)
+            if (parameter.free)
+                cb->put(parameter.name, parameter.value, ParamFlags::NonDifferentiable);
+    }
+
+    void parameters_changed(const std::vector<std::string> &keys = {}) override {
+        bool shape =
+            keys.empty() || (m_parameters[Offset].is_mu && string::contains(keys, "alpha"));
+        for (const Parameter &parameter : m_parameters)
+            shape |= string::contains(keys, parameter.name);
+        if (shape)
+            update_shape();
+    }
+
+protected:
+    SgtdBSDF(const Properties &props) : Base(props) {
+        read_roughness(props);
+        read_shape(props);
+
+        m_sample_visible    = props.get<bool>("sample_visible", true);
+        std::string masking = string::to_lower(props.get<std::string_view>("masking", "separable"));
+        if (masking != "separable" && masking != "height_correlated")
+            Throw("masking \"%s\" is unknown: choose one of separable, height_correlated", masking);
+        m_height_correlated = masking == "height_correlated";
+        m_accuracy          = props.get<double>("accuracy", 1e-5);
+        if (!(m_accuracy >= 0.0 && m_accuracy <= 0.1))
+            Throw("parameter \"accuracy\" is %s, but must be between 0 and 0.1", m_accuracy);
+
+        update_shape();
+    }
+
+    // ------------------------------------------------------------------
+    //  Reading of properties
+    // ------------------------------------------------------------------
+
+    /// A number of at least 0; absent, its default.
+    static double number(const Properties &props, const char *name, double default_value) {
+        double value = props.get<double>(name, default_value);
+        if (!std::isfinite(value) || value < 0.0)
+            Throw("parameter \"%s\" is %s, but must be a finite number of at least 0", name, value);
+        return value;
+    }
+
+    /// Checks a property that a texture is made from, where it is a plain number or color.
+    static void check_constant(const Properties &props, const char *name) {
+        if (!props.has_property(name))
+            return;
+        Properties::Type type = props.type(name);
+        if (type == Properties::Type::Float || type == Properties::Type::Integer) {
+            number(props, name, 0.0);
+        } else if (type == Properties::Type::Color) {
+            ScalarColor3f color = props.get<ScalarColor3f>(name);
+            for (size_t i = 0; i < 3; ++i)
+                if (!std::isfinite(color[i]) || color[i] < 0.f)
+                    Throw("parameter \"%s\" is %s, but its parts must be finite numbers of at "
+                          "least 0",
+                          name, color);
+        }
+    }
+
+    // ------------------------------------------------------------------
+    //  Use by the BSDF
+    // ------------------------------------------------------------------
+
+    std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, Mask active) const {
+        return { m_alpha_u->eval_1(si, active), m_alpha_v->eval_1(si, active) };
+    }
+
+    /// Masking and shadowing for Mitsuba's own distributions.
+    Float builtin_g2(const MicrofacetDistribution &distr, const Vector3f &wi, const Vector3f &wo,
+                     const Vector3f &m) const {
+        if (!m_height_correlated)
+            return distr.G(wi, wo, m);
+        // 1/(1 + Lambda_i + Lambda_o) with Lambda = 1/G1 - 1
+        Float g_i = distr.smith_g1(wi, m), g_o = distr.smith_g1(wo, m);
+        return dr::select(g_i > 0.f && g_o > 0.f, g_i * g_o / (g_i + g_o - g_i * g_o), 0.f);
+    }
+
+    /// Writes the lines of to_string() that all BSDFs have.
+    void describe(std::ostream &os) const {
+        os << "  distribution = " << m_row << "," << std::endl;
+        for (const Parameter &parameter : m_parameters)
+            if (parameter.free)
+                os << "  " << parameter.name << " = " << parameter.value << "," << std::endl;
+        os << "  masking = " << (m_height_correlated ? "height_correlated" : "separable") << ","
+           << std::endl
+           << "  sample_visible = " << m_sample_visible << "," << std::endl
+           << "  accuracy = " << m_accuracy << "," << std::endl
+           << "  alpha_u = " << string::indent(m_alpha_u) << "," << std::endl
+           << "  alpha_v = " << string::indent(m_alpha_v) << "," << std::endl;
+    }
+
+private:
+    void read_roughness(const Properties &props) {
+        for (const char *name : { "alpha", "alpha_u", "alpha_v" })
+            check_constant(props, name);
+        bool u = props.has_property("alpha_u"), v = props.has_property("alpha_v");
+        if (u != v)
+            Throw("parameter \"%s\" is missing: give both alpha_u and alpha_v, or alpha alone",
+                  u ? "alpha_v" : "alpha_u");
+        if (u && props.has_property("alpha"))
+            Throw("parameters \"alpha\" and \"alpha_u\", \"alpha_v\" are given together: choose "
+                  "alpha alone, or the other two");
+        if (u) {
+            m_alpha_u = props.get_unbounded_texture<Texture>("alpha_u");
+            m_alpha_v = props.get_unbounded_texture<Texture>("alpha_v");
+        } else {
+            m_alpha_u = m_alpha_v = props.get_unbounded_texture<Texture>("alpha", 0.1f);
+        }
+    }
+
+    void read_shape(const Properties &props) {
+        m_row = string::to_lower(props.get<std::string_view>("distribution", "sgtd"));
+        for (Parameter &parameter : m_parameters)
+            if (props.has_property(parameter.name)) {
+                parameter.value = props.get<double>(parameter.name);
+                parameter.given = true;
+            }
+
+        Parameter &offset = m_parameters[Offset];
+        if (props.has_property("mu")) {
+            if (offset.given)
+                Throw("parameters \"mu\" and \"shift\" are given together: choose one (shift = mu "
+                      "/ alpha)");
+            Properties::Type type =
+                props.has_property("alpha") ? props.type("alpha") : Properties::Type::Float;
+            if (m_alpha_u != m_alpha_v ||
+                (type != Properties::Type::Float && type != Properties::Type::Integer))
+                Throw("parameter \"mu\" is given, but needs \"alpha\" as one number (the shape "
+                      "depends on mu / alpha): give \"shift\" instead");
+            offset = { "mu", number(props, "mu", 0.0), true, true, true };
+        }
+
+        // A parameter is free if the row accepts it beside those that were given
+        sgtd::host::Shape shape = resolve(&Parameter::given).shape;
+        const double values[]   = { shape.gamma, shape.p, shape.lambda };
+        std::optional<double> given[Offset];
+        for (size_t i = 0; i < Offset; ++i)
+            if (m_parameters[i].given)
+                given[i] = values[i];
+        for (size_t i = 0; i < Offset; ++i) {
+            Parameter &parameter                = m_parameters[i];
+            std::optional<double> probe[Offset] = { given[0], given[1], given[2] };
+            parameter.value                     = *(probe[i] = values[i]);
+            try {
+                sgtd::host::shape_of_row(m_row, probe[0], probe[1], probe[2], {});
+                parameter.free = true;
+            } catch (const std::invalid_argument &) {
+                parameter.free = false;
+            }
+        }
+    }
+
+    // ------------------------------------------------------------------
+    //  Shape
+    // ------------------------------------------------------------------
+
+    /// A shape parameter as the user sees it.
+    struct Parameter {
+        const char *name;
+        double value;
+        /// Was it given by the user?
+        bool given;
+        /// Does the row leave it free?
+        bool free;
+        /// Is it an absolute slope, to be divided by the roughness?
+        bool is_mu;
+    };
+
+    /// The shape for the current values of the parameters for which `present` holds.
+    sgtd::host::RowShape resolve(bool Parameter::*present) const {
+        std::optional<double> values[Offset + 1];
+        for (size_t i = 0; i <= Offset; ++i)
+            if (m_parameters[i].*present)
+                values[i] = m_parameters[i].value;
+        try {
+            if (!m_parameters[Offset].is_mu)
+                return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], values[3]);
+
+            double mu = m_parameters[Offset].value;
+            if (!std::isfinite(mu) || mu < 0.0)
+                Throw("parameter \"mu\" is %s, but must be a finite number of at least 0", mu);
+            // alpha_scale does not depend on the shift
+            double scale =
+                sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], {}).alpha_scale;
+            double alpha = std::max((double)dr::slice(dr::detach(m_alpha_u->mean())) * scale, 1e-4);
+            try {
+                return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], mu / alpha);
+            } catch (const std::invalid_argument &error) {
+                Throw("parameter \"mu\" is %s at a roughness of %s, where %s", mu, alpha,
+                      error.what());
+            }
+        } catch (const std::invalid_argument &error) {
+            Throw("%s", error.what());
+        }
+    }
+
+    /// Makes the tables for the current parameters; if they are refused, restores the parameters
+    /// and throws.
+    void update_shape() {
+        try {
+            sgtd::host::RowShape row = resolve(&Parameter::free);
+            if (m_current && m_current->row.shape == row.shape) {
+                m_current->parameters = m_parameters;
+                return;
+            }
+
+            std::optional<MicrofacetType> builtin;
+            if (row.shape.shift == 0.0 && m_row == "beckmann")
+                builtin = MicrofacetType::Beckmann;
+            if (row.shape.shift == 0.0 && m_row == "ggx")
+                builtin = MicrofacetType::GGX;
+
+            std::shared_ptr<const sgtd::host::Ndf> ndf;
+            // Without tables there are fewer variables to traverse, so frozen functions notice the
+            // switch
+            SgtdTables<Float> tables;
+            if (!builtin) {
+                try {
+                    ndf = sgtd::host::Ndf::get(row.shape, m_accuracy, m_sample_visible);
+                } catch (const std::invalid_argument &error) {
+                    Throw("%s", error.what());
+                }
+                tables = SgtdTables<Float>::load(*ndf, row);
+            }
+
+            m_builtin = builtin;
+            m_ndf     = std::move(ndf);
+            m_tables  = std::move(tables);
+            m_current = { row, m_parameters };
+        } catch (...) {
+            if (m_current)
+                m_parameters = m_current->parameters;
+            throw;
+        }
+    }
+
+protected:
+    ref<Texture> m_alpha_u, m_alpha_v;
+    bool m_sample_visible, m_height_correlated;
+
+    /// Set where Mitsuba's own distribution is used instead of the tables
+    std::optional<MicrofacetType> m_builtin;
+    std::shared_ptr<const sgtd::host::Ndf> m_ndf;
+    SgtdTables<Float> m_tables;
+
+private:
+    double m_accuracy;
+
+    /// Name of the row, and its parameters; the last one is the shift or mu.
+    static constexpr size_t Offset = 3;
+    using Parameters               = std::array<Parameter, Offset + 1>;
+    std::string m_row;
+    Parameters m_parameters = { { { "gamma", 0.0, false, false, false },
+                                  { "p", 0.0, false, false, false },
+                                  { "lambda", 0.0, false, false, false },
+                                  { "shift", 0.0, false, true, false } } };
+
+    /// What the tables were made for.
+    struct Current {
+        sgtd::host::RowShape row;
+        Parameters parameters;
+    };
+    std::optional<Current> m_current;
+
+    MI_TRAVERSE_CB(Base, m_alpha_u, m_alpha_v, m_tables)
+};
+
+NAMESPACE_END(mitsuba)
