@@ -63,12 +63,14 @@ public:
             d = (Float)std::min(m_ndf.d(m_alpha_u, m_alpha_v, h), (double)GreatestD);
             z = (Float)h[2];
         } else {
-            Vector3f m    = dr::normalize(wi + wo);
-            Float inv_z   = dr::rcp(dr::maximum(m.z(), LeastCos));
-            Float halfexp = m_tables.steep ? steep_half_exponent(wi, wo)
-                                           : m_tables.profile.half_exponent(slope_square(m, inv_z));
-            d             = dr::minimum(density(halfexp, dr::square(inv_z)), GreatestD);
-            z             = m.z();
+            // Unnormalized: each rounding of a slope counts
+            Vector3f h  = wi + wo;
+            Float inv_h = dr::rcp(dr::maximum(h.z(), LeastCos));
+            Float root  = m_tables.steep ? steep_sqrt_f(wi, wo)
+                                         : m_tables.profile.sqrt_f(slope_square(h, inv_h));
+            z           = h.z() * dr::rsqrt(dr::squared_norm(h));
+            d           = dr::minimum(density(root, dr::square(dr::rcp(dr::maximum(z, LeastCos)))),
+                                      GreatestD);
         }
         return dr::select(d * z > 1e-20f, d, 0.f);
     }
@@ -160,13 +162,12 @@ public:
             Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
             Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
             Float inv_z = dr::norm(m), stretched = radial * azimuthal,
-                  half_exponent = m_tables.profile.half_exponent(y),
-                  d             = density(half_exponent, dr::square(inv_z));
+                  root = m_tables.profile.sqrt_f(y), d = density(root, dr::square(inv_z));
             m *= dr::rcp(inv_z);
             Mask valid = stretched > 1e-36f && d > 1e-20f * inv_z;
             // f / stretched: inside a ring both are so small that the derivative, which has the
             // square of the divisor in it, would overflow
-            Float ratio = dr::exp(-2.f * half_exponent - dr::log(dr::maximum(stretched, 1e-36f)));
+            Float ratio = dr::square(root / dr::sqrt(dr::maximum(stretched, 1e-36f)));
             return { Normal3f(m), dr::select(valid, stretched * solid_angle(inv_z), 0.f),
                      dr::select(valid, m_tables.factor * ratio * inv_z, 0.f) };
         }
@@ -196,13 +197,13 @@ private:
         return dr::square(m.x() * inv_z / m_alpha_u) + dr::square(m.y() * inv_z / m_alpha_v);
     }
 
-    /// Half of -ln f at the half vector of two directions, in double precision.
-    Float steep_half_exponent(const Vector3f &wi, const Vector3f &wo) const {
+    /// The square root of f at the half vector of two directions, in double precision.
+    Float steep_sqrt_f(const Vector3f &wi, const Vector3f &wo) const {
         using Double = typename Tables::Double;
         Double inv_z = dr::rcp(dr::maximum(Double(wi.z()) + Double(wo.z()), (double)LeastCos)),
                x     = (Double(wi.x()) + Double(wo.x())) * inv_z / Double(m_alpha_u),
                y     = (Double(wi.y()) + Double(wo.y())) * inv_z / Double(m_alpha_v);
-        return Float(m_tables.precise.half_exponent(dr::fmadd(x, x, dr::square(y))));
+        return Float(m_tables.precise.sqrt_f(dr::fmadd(x, x, dr::square(y))));
     }
 
     /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
@@ -211,9 +212,8 @@ private:
     }
 
     /// A f / (pi alpha_u alpha_v cos^4), squared at the end: f may underflow, 1/cos^4 overflow.
-    Float density(const Float &half_exponent, const Float &inv_z2) const {
-        return m_tables.factor / (m_alpha_u * m_alpha_v) *
-               dr::square(dr::exp(-half_exponent) * inv_z2);
+    Float density(const Float &sqrt_f, const Float &inv_z2) const {
+        return m_tables.factor / (m_alpha_u * m_alpha_v) * dr::square(sqrt_f * inv_z2);
     }
 
     // ------------------------------------------------------------------

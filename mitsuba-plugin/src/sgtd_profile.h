@@ -18,8 +18,9 @@ NAMESPACE_BEGIN(mitsuba)
 template <typename Value_> struct SgtdProfile {
     using Value  = Value_;
     using Scalar = dr::scalar_t<Value>;
+    using Mask   = dr::mask_t<Value>;
 
-    /// Least exponent given to exp2, which returns garbage where its result would be denormal.
+    /// Least exponent of 2: what exp2 returns for a denormal result is garbage.
     static constexpr Scalar LeastPower = (Scalar)-120;
 
     /// 1 / (gamma - 1), gamma (finite), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
@@ -39,18 +40,19 @@ template <typename Value_> struct SgtdProfile {
     }
 
     /**
-     * Half of -ln f at rho = sqrt(y), f = (1 + u/(gamma-1))^(-gamma).
+     * The square root of f = (1 + u/(gamma-1))^(-gamma) at rho = sqrt(y): f itself may underflow
+     * where D does not.
      *
-     * With k = 1/(gamma-1) and z = k u this is gamma ln(1+z) / 2, or (1 + k) u phi(z) / 2 with
-     * phi(z) = ln(1+z)/z for a small z, which includes k = 0 (gamma = inf).
+     * With k = 1/(gamma-1) and z = k u, -ln f is gamma ln(1+z), or (1 + k) u phi(z) with phi(z) =
+     * ln(1+z)/z for a small z, which includes k = 0 (gamma = inf).
      */
-    Value half_exponent(const Value &y) const {
+    Value sqrt_f(const Value &y) const {
         // Below 1e-20 the derivative of the square root would not be finite
         Value x = dr::sqrt(dr::maximum(y, (Scalar)1e-20)) - shift;
         x *= dr::select(x > 0, inv_outer, inv_inner);
-        Value x2    = dr::clip(dr::square(x), (Scalar)1e-30, (Scalar)1e37);
-        Value power = dr::exp2(dr::clip(p * dr::log2(x2), LeastPower, (Scalar)126)),
-              u = dr::select(p == 1, x2, power), z = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
+        Value x2 = dr::clip(dr::square(x), (Scalar)1e-30, (Scalar)1e37),
+              u  = dr::select(p == 1, x2, Power(x2, p).value()),
+              z  = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
         // ln(1+z) loses the digits of a small z (at 1e-4 three remain): 2 artanh(z/(2+z)) there
         Value inv_2z = dr::rcp(2 + z), s2 = dr::square(z * inv_2z),
               odd = dr::fmadd(s2, (Scalar)(1.0 / 9.0), (Scalar)(1.0 / 7.0)),
@@ -58,11 +60,36 @@ template <typename Value_> struct SgtdProfile {
                   2 * inv_2z *
                   dr::fmadd(s2, dr::fmadd(s2, dr::fmadd(s2, odd, (Scalar).2), (Scalar)(1.0 / 3.0)),
                             (Scalar)1);
-        Value small = dr::fmadd(inv_gamma_1, u, u) * series,
-              large = gamma * dr::log(1 + dr::maximum(z, (Scalar).5));
-        // exp(-200) is 0 in single precision; beyond, the products may overflow
-        return dr::minimum((Scalar).5 * dr::select(z < (Scalar).5, small, large), (Scalar)200);
+        Mask near   = z < (Scalar).5;
+        Value small = (Scalar)(-.5 * 1.4426950408889634) * dr::fmadd(inv_gamma_1, u, u) * series;
+        Power large(1 + dr::maximum(z, (Scalar).5), (Scalar)-.5 * gamma);
+        large.whole = dr::select(near, 0, large.whole);
+        large.rest  = dr::select(near, small, large.rest);
+        return large.value();
     }
+
+    /**
+     * base^exponent = 2^(whole + rest).
+     *
+     * As one number of 40, exponent log2(base) would be off by 2e-6 from its rounding alone, which
+     * a large gamma magnifies.
+     */
+    struct Power {
+        Value whole, rest;
+
+        Power(const Value &base, const Value &exponent) {
+            Value octave   = dr::frexp(dr::detach(base)).second,
+                  mantissa = base * dr::ldexp(Value(1), -octave), high = exponent * octave,
+                  low = dr::fmadd(exponent, octave, -high);
+            whole     = dr::round(high);
+            rest      = (high - whole) + dr::fmadd(exponent, dr::log2(mantissa), low);
+        }
+
+        Value value() const {
+            return dr::exp2(dr::clip(rest, LeastPower, -LeastPower)) *
+                   dr::ldexp(Value(1), dr::clip(whole, LeastPower, -LeastPower));
+        }
+    };
 
     DRJIT_STRUCT(SgtdProfile, inv_gamma_1, gamma, p, shift, inv_outer, inv_inner)
 };
