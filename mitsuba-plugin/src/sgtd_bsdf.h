@@ -252,7 +252,8 @@ private:
             SgtdTables<Float> tables;
             if (!builtin) {
                 try {
-                    ndf = sgtd::host::Ndf::get(row.shape, m_accuracy, m_sample_visible);
+                    ndf = sgtd::host::Ndf::get(row.shape, SgtdTables<Float>::accuracy(m_accuracy),
+                                               m_sample_visible);
                 } catch (const std::invalid_argument &error) {
                     Throw("%s", error.what());
                 }

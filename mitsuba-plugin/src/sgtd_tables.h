@@ -23,6 +23,9 @@ template <typename Float_> struct SgtdTables {
     /// Size of the visible-normal table. The core has the same constants; `load` compares.
     static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
 
+    /// Size of the masking table's header: one entry per exponent of a float.
+    static constexpr uint32_t Entries = 256;
+
     /// Greatest |d ln f / d ln x| for single precision: a slope has 2e-7 of relative error, a
     /// Gaussian 28. Lower values cost time, higher ones accuracy.
     static constexpr double Steep = 38.0;
@@ -38,11 +41,14 @@ template <typename Float_> struct SgtdTables {
     bool steep = false;
     /// The b of the row coordinate a / (a + b) of the visible-normal table
     Float scale;
-    /// Masking table: bits of a that are dropped to find its cell, first cell, number of cells
-    UInt32 lambda_shift, lambda_first, lambda_cells;
-    /// Pairs (H, H') of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
-    /// visible-normal table, C the mass above the knot
+    /// Entries and cubics of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
+    /// visible-normal table, C the share of the mass above the knot
     FloatBuffer lambda, visible;
+
+    /// The accuracy to ask the core for: nothing finer than single precision can show.
+    static double accuracy(double given) {
+        return dr::is_jit_v<Float> && given > 0.0 ? std::max(given, 1e-7) : given;
+    }
 
     static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row) {
         SgtdTables result;
@@ -51,7 +57,7 @@ template <typename Float_> struct SgtdTables {
             const sgtd::host::Shape &shape  = row.shape;
             if (tables.visible_rows != Rows || tables.visible_cells != Cells ||
                 tables.visible.size != 2 * (FirstPair + Rows * (Cells + 1)) ||
-                tables.lambda.size != 2 * ((size_t)tables.lambda_cells + 1))
+                tables.lambda_entries != Entries)
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");
             result.alpha_scale = (float)row.alpha_scale;
@@ -60,14 +66,10 @@ template <typename Float_> struct SgtdTables {
             result.steep       = tables.steepness > Steep;
             if (result.steep)
                 result.precise = SgtdProfile<Double>::load(shape);
-            result.scale        = (float)tables.scale;
-            result.lambda_shift = tables.lambda_shift;
-            result.lambda_first = tables.lambda_first;
-            result.lambda_cells = tables.lambda_cells;
-            result.lambda       = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
-            result.visible      = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
-            dr::make_opaque(result.alpha_scale, result.factor, result.scale, result.lambda_shift,
-                            result.lambda_first, result.lambda_cells, result.lambda,
+            result.scale   = (float)tables.scale;
+            result.lambda  = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
+            result.visible = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
+            dr::make_opaque(result.alpha_scale, result.factor, result.scale, result.lambda,
                             result.visible);
         } else {
             result.alpha_scale = (Float)row.alpha_scale;
@@ -75,8 +77,7 @@ template <typename Float_> struct SgtdTables {
         return result;
     }
 
-    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, scale, lambda_shift,
-                 lambda_first, lambda_cells, lambda, visible)
+    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, scale, lambda, visible)
 };
 
 NAMESPACE_END(mitsuba)
