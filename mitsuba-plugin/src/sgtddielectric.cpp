@@ -160,7 +160,7 @@ public:
             Float sum  = dr::fmadd(eta, cos_t, dot_i),
                   less = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
                   jacobian =
-                      dr::select(reflected, dr::rcp(4.f * dot_i), dr::square(eta / less) * cos_t);
+                      dr::select(reflected, dr::rcp(4.f * dr::dot(wo, m)), dr::square(eta / less) * cos_t);
             bs.pdf               = probability * dr::select(straight, 1.f, pdf_m * jacobian);
             bs.wo                = dr::mulsign(wo, side);
             bs.eta               = dr::select(reflected, 1.f, eta);
@@ -358,7 +358,7 @@ private:
         Float F     = std::get<0>(fresnel(dr::mulsign(dot_i, side), m_eta)),
               share = dr::select(reflected, F, 1.f - F);
         // d(m) / d(wo); h is as long as wi.m + eta wo.m
-        Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_i, 1e-18f)),
+        Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_o, 1e-18f)),
                                     dr::square(eta) * dr::abs(dot_o) / h2);
 
         Spectrum value(0.f);
