@@ -150,7 +150,9 @@ public:
                 probability = dr::detach(dr::maximum(share, 1e-30f));
 
             Mask straight = !reflected && index_matched(eta);
-            Vector3f wo   = dr::select(reflected, reflect(wi, m), refract(wi, m, -cos_t, inv_eta));
+            // At great indices, refract() cancels, and its result is no longer as long as 1
+            Vector3f wo = dr::select(reflected, reflect(wi, m),
+                                     dr::normalize(refract(wi, m, -cos_t, inv_eta)));
             dr::masked(wo, straight) = -wi;
             // A cosine below 1e-7 is the rounding of the direction, its sign included
             active &= dr::mulsign_neg(Frame3f::cos_theta(wo),
