@@ -50,12 +50,69 @@ def interaction(wi, count):
     return si
 
 
+def expected(bsdf, ctx, wi, eta, alpha_u, alpha_v, radial=1024, azimuthal=1024):
+    """Directions and masses of the density: facets on a jittered grid in stretched slopes reflect and refract wi, in double precision.
+
+    Where refraction folds, at the rim of the cone that upright facets refract into, the density is infinite, and a sum over
+    directions would miss what a sum over facets has.
+    """
+    index = dr.arange(mi.UInt32, radial * azimuthal)
+    state, stream = mi.sample_tea_32(index, 3)
+    rng = mi.PCG32(initstate=state, initseq=stream)
+    t = (mi.Float64(index // azimuthal) + mi.Float64(rng.next_float32())) / radial
+    phi = (mi.Float64(index % azimuthal) + mi.Float64(rng.next_float32())) * (2.0 * dr.pi / azimuthal)
+    # half of the points lie beyond slope 2
+    rest = dr.maximum(1.0 - t, 1e-4)
+    rho, jacobian = t / rest**2, (1.0 + t) / rest**3
+    x, y = alpha_u * rho * dr.cos(phi), alpha_v * rho * dr.sin(phi)
+    z = dr.rsqrt(1.0 + x * x + y * y)
+    m = [x * z, y * z, z]
+    # d(m) = alpha_u alpha_v cos^3 rho d(rho) d(phi)
+    solid = alpha_u * alpha_v * z**3 * rho * jacobian * (2.0 * dr.pi / (radial * azimuthal))
+    cos = sum(float(a) * b for a, b in zip(wi, m))
+    relative, side = (eta, 1.0) if wi[2] > 0 else (1 / eta, -1.0)
+    square = 1.0 - (1.0 - cos**2) / relative**2
+    cos_t = dr.sqrt(dr.maximum(square, 0.0))
+    seen = cos * side > 0
+    # d(wo) = |h|^2 / (eta^2 |wo.m|) d(m), |h| = |wi.m + eta wo.m|
+    half = dr.abs(cos) - relative * cos_t
+    refracted = [b * (cos / relative - side * cos_t) - float(a) / relative for a, b in zip(wi, m)]
+    results = []
+    for wo, factor, valid in (
+        ([2.0 * cos * b - float(a) for a, b in zip(wi, m)], 4.0 * dr.abs(cos), seen),
+        (refracted, half**2 / (relative**2 * dr.maximum(cos_t, 1e-30)), seen & (square > 0)),
+    ):
+        valid &= wo[2] * side * (1.0 if len(results) == 0 else -1.0) > 0
+        wo = mi.Vector3f(*wo)
+        pdf = mi.Float64(bsdf.pdf(ctx, interaction(wi, len(index)), wo))
+        results.append((wo, dr.select(valid, pdf * factor * solid, 0.0)))
+    return results
+
+
+class FacetTest(mi.chi2.ChiSquareTest):
+    """Mitsuba's test, with expected numbers that were summed over facets."""
+
+    def tabulate_pdf(self):
+        # A cell that no facet of the grid meets may still be met by one sample in a million
+        self.pdf = dr.full(mi.Float, 1e-3, dr.prod(self.res))
+        for wo, mass in self.pdf_func:
+            xy = (self.domain.map_backward(wo) - self.bounds.min) / self.bounds.extents()
+            xy = mi.Vector2u(dr.clip(xy * mi.Vector2f(self.res), 0, mi.Vector2f(self.res - 1)))
+            dr.scatter_add(self.pdf, mi.Float(mass) * self.sample_count, xy.x + xy.y * self.res.x)
+        self.pdf_sum = dr.sum(self.pdf) / self.sample_count
+        self.histogram_start = self.histogram_end = 0.0
+
+
 @pytest.mark.parametrize("shape, roughness, indices, visible, component", CASES)
 def test_samples_follow_the_density(llvm, shape, roughness, indices, visible, component):
-    """Mitsuba's own test on (cos theta, phi) of the whole sphere; the significance is shared by all tests of this file."""
+    """Mitsuba's test on (cos theta, phi) of the whole sphere, and the integral of the density over either hemisphere, to 3e-3.
+
+    The significance is shared by all tests of this file.
+    """
     bsdf = bsdf_of(shape, roughness, indices, visible)
     ctx = sc.context(component=component)
-    drawn = 0
+    inside, outside = INDICES[indices]
+    errors = {}
     for angle in ANGLES:
         wi = sc.direction(angle, AZIMUTH)
 
@@ -64,54 +121,28 @@ def test_samples_follow_the_density(llvm, shape, roughness, indices, visible, co
             valid = dr.any(weight > 0.0)
             return dr.select(valid, bs.wo, mi.Vector3f(0, 0, 1)), dr.select(valid, mi.Float(1.0), 0.0)
 
-        def density(wo):
-            return bsdf.pdf(ctx, interaction(wi, dr.width(wo)), wo)
-
-        if roughness == "smooth" and abs(angle - 90) < 10:
-            continue  # a lobe narrower than a cell that is integrated
-        test = mi.chi2.ChiSquareTest(
+        masses = expected(bsdf, ctx, wi, inside / outside, *ROUGHNESS[roughness])
+        test = FacetTest(
             domain=mi.chi2.SphericalDomain(),
             sample_func=sample,
-            pdf_func=density,
+            pdf_func=masses,
             sample_dim=3,
             sample_count=100_000,
             res=60,  # even: the horizon is an edge of cells
-            ires=48 if roughness == "smooth" else 24,
             seed=1,
         )
-        assert test.run(0.01, test_count=len(CASES) * len(ANGLES), quiet=True), f"at {angle} degrees:\n{test.messages}"
-        drawn += np.sum(np.array(test.histogram)) > 0.05
-    assert drawn >= 4
+        # a lobe in two cells has no degree of freedom
+        if not (roughness == "smooth" and angle in (0.0, 155.0)):
+            ok = test.run(0.01, test_count=len(CASES) * len(ANGLES), quiet=True)
+            assert ok, f"at {angle} degrees:\n{test.messages}"
+        held, kept = [float(dr.sum(mass)[0]) for _, mass in masses], valid_fractions(bsdf, ctx, wi)
+        print(f"{angle} degrees: density {np.round(held, 5)}, valid samples {np.round(kept, 5)}")
+        assert component is not None or sum(kept) > 0.2
+        errors[angle] = np.abs(np.array(held) - kept).max()
+    assert max(errors.values()) < 3e-3, errors
 
 
-def integrals(bsdf, ctx, wi, eta, alpha_u, alpha_v, radial=512, azimuthal=256):
-    """Integrals of pdf over what is reflected and over what is refracted: midpoints in the stretched slope of the half vector."""
-    index = np.arange(radial * azimuthal)
-    t = (index // azimuthal + 0.5) / radial
-    # rho = 3 t/(1-t)^2: half of the points beyond slope 6
-    rho, jacobian = 3.0 * t / (1.0 - t) ** 2, 3.0 * (1.0 + t) / (1.0 - t) ** 3
-    phi = (index % azimuthal + 0.5) * (2.0 * np.pi / azimuthal)
-    m = np.stack([alpha_u * rho * np.cos(phi), alpha_v * rho * np.sin(phi), np.ones(len(rho))], axis=-1)
-    m /= np.linalg.norm(m, axis=-1, keepdims=True)
-    # d(m) = alpha_u alpha_v cos^3 rho d(rho) d(phi)
-    solid = alpha_u * alpha_v * m[:, 2] ** 3 * rho * jacobian * (2.0 * np.pi / (radial * azimuthal))
-    cos = m @ wi
-    refracted, there = sc.refract(np.broadcast_to(wi, m.shape), m, eta)
-    relative = eta if wi[2] > 0 else 1 / eta
-    half = wi + relative * refracted
-    results = []
-    for wo, factor, side in (
-        (sc.reflect(np.broadcast_to(wi, m.shape), m), 4.0 * np.abs(cos), 1.0),
-        # d(wo) = |h|^2 / (eta^2 |wo.m|) d(m)
-        (refracted, np.sum(half**2, axis=-1) / (relative**2 * np.abs(np.sum(refracted * m, axis=-1)) + 1e-30), -1.0),
-    ):
-        seen = (cos * wi[2] > 0) & (side * wo[:, 2] * wi[2] > 0) & (there | (side > 0))
-        pdf = bsdf.pdf(ctx, interaction(wi, len(rho)), mi.Vector3f(wo.T.astype(np.float32))).numpy().astype(np.float64)
-        results.append(float(np.sum(np.where(seen, pdf * factor * solid, 0.0))))
-    return results
-
-
-def valid_fractions(bsdf, ctx, wi, count=1 << 20):
+def valid_fractions(bsdf, ctx, wi, count=1 << 19):
     """The shares of samples that are reflected and that are transmitted."""
     state, stream = mi.sample_tea_32(dr.arange(mi.UInt32, count), 7)
     rng = mi.PCG32(initstate=state, initseq=stream)
@@ -121,21 +152,8 @@ def valid_fractions(bsdf, ctx, wi, count=1 << 20):
     return [int(dr.count(valid & up)[0]) / count, int(dr.count(valid & ~up)[0]) / count]
 
 
-@pytest.mark.parametrize("shape, roughness, indices, visible, component", CASES)
-def test_density_holds_all_that_is_scattered(llvm, shape, roughness, indices, visible, component):
-    """Its integral over either hemisphere is the fraction of valid samples there, to 2e-3."""
-    bsdf = bsdf_of(shape, roughness, indices, visible)
-    ctx = sc.context(component=component)
-    inside, outside = INDICES[indices]
-    errors = {}
-    for angle in ANGLES:
-        wi = sc.direction(angle, AZIMUTH)
-        held = integrals(bsdf, ctx, wi, inside / outside, *ROUGHNESS[roughness])
-        kept = valid_fractions(bsdf, ctx, wi)
-        print(f"{angle} degrees: density {np.round(held, 5)}, valid samples {np.round(kept, 5)}")
-        errors[angle] = np.abs(np.array(held) - kept).max()
-        assert sum(kept) > (0.2 if component is None else -1)
-    assert max(errors.values()) < 2e-3, errors
+def integrals(*args):
+    return [float(dr.sum(mass)[0]) for _, mass in expected(*args)]
 
 
 def test_the_integral_can_fail(llvm):
@@ -144,7 +162,7 @@ def test_the_integral_can_fail(llvm):
     wi = sc.direction(50.0, AZIMUTH)
     held = integrals(bsdf, sc.context(), wi, 1.5, 0.4, 0.12)
     kept = valid_fractions(bsdf, sc.context(), wi)
-    assert held == pytest.approx(kept, abs=2e-3)
+    assert held == pytest.approx(kept, abs=3e-3)
     assert abs(1.01 * held[1] - kept[1]) > 5e-3
 
 
