@@ -8,7 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import scattering as sc
-from family import ANISOTROPIC, ISOTROPIC, KINDS, ROWS
+import sgtd
+from family import ANISOTROPIC, KINDS, ROWS
 
 INF = float("inf")
 PLUGIN = "sgtddielectric"
@@ -46,7 +47,7 @@ def reflected(wi, wo):
 # -- equal to roughdielectric, and to sgtdconductor
 
 
-@pytest.mark.parametrize("ior", [(1.5, 1.0), (1.0, 1.5), ("diamond", "water")], ids=str)
+@pytest.mark.parametrize("ior", [(1.5, 1.0), ("water", "diamond")], ids=str)
 @pytest.mark.parametrize("visible", [True, False], ids=["visible", "all"])
 @pytest.mark.parametrize("roughness", ["isotropic", "anisotropic", "textured"])
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
@@ -59,7 +60,7 @@ def test_equal_to_roughdielectric(variant, distribution, roughness, visible, ior
     properties.update(specular_reflectance=0.8, specular_transmittance=0.6)
     ours, theirs = (sc.load(plugin, **properties) for plugin in (PLUGIN, "roughdielectric"))
     eta = float(np.array(mi.traverse(theirs)["eta"]).ravel()[0])
-    count = 20_000 if variant != "scalar_rgb" else 1000
+    count = 8000 if variant != "scalar_rgb" else 400
     wi, wo = pairs(rng, count, 0.2, 0.2, eta)
     uv, u = rng.random((len(wi), 2)), rng.random((len(wi), 3))
     for transport in (RADIANCE, IMPORTANCE):
@@ -106,13 +107,14 @@ def test_reflection_is_that_of_the_conductor(variant, kind, masking):
 # -- one way and the other through the plugin
 
 
-@pytest.mark.parametrize("masking", MASKING)
-@pytest.mark.parametrize("visible", [True, False], ids=["visible", "all"])
-@pytest.mark.parametrize("eta", [1.5, 1 / 1.8])
+@pytest.mark.parametrize(
+    "eta, visible, masking",
+    [(1.5, True, "separable"), (1.5, False, "height_correlated"), (1 / 1.8, True, "height_correlated")],
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_scalar_equals_llvm(llvm, kind, eta, visible, masking):
     rng = np.random.default_rng(3)
-    wi, wo = pairs(rng, 600, 0.35, 0.1, eta, KINDS[kind].get("shift", 0.0))
+    wi, wo = pairs(rng, 400, 0.35, 0.1, eta, KINDS[kind].get("shift", 0.0))
     u = rng.random((len(wi), 3))
     answers = []
     for variant in ("scalar_rgb", "llvm_ad_rgb"):
@@ -148,13 +150,14 @@ def test_eval_pdf_is_eval_and_pdf(variant, row, component):
         assert lit[reflected(wi, wo)].any() == (component != 1) and lit[~reflected(wi, wo)].any() == (component != 0)
 
 
-@pytest.mark.parametrize("component", [None, 0, 1])
-@pytest.mark.parametrize("visible", [True, False], ids=["visible", "all"])
-@pytest.mark.parametrize("eta", [1.5, 1 / 1.8, 1.01])
+@pytest.mark.parametrize(
+    "eta, visible, component",
+    [(1.5, True, None), (1.5, True, 0), (1.5, True, 1), (1.5, False, None), (1 / 1.8, True, None), (1.01, True, None)],
+)
 @pytest.mark.parametrize("kind", [*KINDS, "Mitsuba's"])
 def test_weight_times_density_is_value(variant, kind, eta, visible, component):
     rng = np.random.default_rng(5)
-    count = 2000 if variant != "scalar_rgb" else 400
+    count = 2000 if variant != "scalar_rgb" else 300
     wi = sc.uniform_directions(rng, count, lower=True)
     shape = KINDS.get(kind, dict(distribution="ggx"))
     bsdf = load(**shape, **ANISOTROPIC, int_ior=eta, ext_ior=1.0, sample_visible=visible)
@@ -181,7 +184,7 @@ def test_weight_times_density_is_value(variant, kind, eta, visible, component):
 
 @pytest.mark.parametrize("masking", MASKING)
 @pytest.mark.parametrize("eta", [1.5, 1 / 1.8])
-@pytest.mark.parametrize("row", ROWS)
+@pytest.mark.parametrize("row", ["sgtd", "sgnd", "hyper_cauchy", "ggx_centered"])
 def test_radiance_is_scaled_by_eta_squared(variant, row, eta, masking):
     """Radiance is compressed by 1/eta^2 on the way that light takes, importance is not; reflection is the same for both."""
     rng = np.random.default_rng(6)
@@ -223,28 +226,27 @@ def test_light_and_importance(variant, row, masking):
     assert np.quantile(error, 0.99) < 1e-4
 
 
-def scattered(bsdf, wi, count=1 << 15, component=None):
-    """Mean weight of importance: the share of light from wi that is reflected and transmitted; and its standard error."""
-    u = np.random.default_rng(8).random((count, 3))
-    weight = sc.sample(bsdf, np.tile(wi, (count, 1)), u, mode=mode(IMPORTANCE), component=component)[2][:, 0]
-    return weight.mean(), weight.std() / count**0.5
+def scattered(bsdf, views, count=1 << 15, component=None):
+    """Mean weight of importance: the share of light from each view that is reflected and transmitted; and its standard error."""
+    u = np.tile(np.random.default_rng(8).random((count, 3)), (len(views), 1))
+    wi = np.repeat([sc.direction(view, 20.0) for view in views], count, axis=0)
+    weight = sc.sample(bsdf, wi, u, mode=mode(IMPORTANCE), component=component)[2][:, 0].reshape(len(views), count)
+    return weight.mean(axis=1), weight.std(axis=1) / count**0.5
 
 
-VIEWS = [0.0, 40.0, 70.0, 85.0, 95.0, 130.0, 160.0]
+VIEWS = np.array([0.0, 40.0, 70.0, 85.0, 95.0, 130.0, 160.0])
 
 
 @pytest.mark.parametrize("masking", MASKING)
 @pytest.mark.parametrize("row", ROWS)
 def test_no_light_is_made(llvm, row, masking):
     """Reflection and transmission together are at most all light, whatever side it comes from; and are nearly all at a low roughness."""
-    for eta in (1.5, 1 / 1.5, 2.4):
-        for alpha in (0.7, 0.25, 1e-3):
-            bsdf = load(**ROWS[row], alpha=alpha, int_ior=eta, ext_ior=1.0, masking=masking)
-            for view in VIEWS:
-                share, error = scattered(bsdf, sc.direction(view, 20.0), 1 << 13)
-                assert 0.0 < share <= 1.0 + 3 * error + 1e-4, (eta, alpha, view, share)
-                if alpha == 1e-3 and abs(view - 90) > 10:
-                    assert share > 0.97, (eta, view, share)
+    for eta, alpha in ((1.5, 0.7), (1.5, 0.25), (1 / 1.5, 0.25), (2.4, 0.25), (1.5, 1e-3), (1 / 2.4, 1e-3)):
+        bsdf = load(**ROWS[row], alpha=alpha, int_ior=eta, ext_ior=1.0, masking=masking)
+        share, error = scattered(bsdf, VIEWS, 1 << 13)
+        assert (share > 0).all() and (share <= 1.0 + 3 * error + 1e-4).all(), (eta, alpha, share)
+        if alpha == 1e-3:
+            assert share[np.abs(VIEWS - 90) > 10].min() > 0.97, (eta, share)
 
 
 @pytest.mark.parametrize("visible", [True, False], ids=["visible", "all"])
@@ -253,11 +255,9 @@ def test_ggx_through_the_tables_is_roughdielectric(llvm, alpha, visible):
     """As much light as there, by either component, from either side."""
     tables = load(gamma=2.0, alpha=alpha, **GLASS, sample_visible=visible)
     theirs = sc.load("roughdielectric", distribution="ggx", alpha=alpha, **GLASS)
-    for view in VIEWS:
-        for component in (0, 1):
-            wi = sc.direction(view, 20.0)
-            (a, error_a), (b, error_b) = (scattered(bsdf, wi, component=component) for bsdf in (tables, theirs))
-            assert abs(a - b) < 4.5 * math.hypot(error_a, error_b) + 1e-5, (view, component, a, b)
+    for component in (0, 1):
+        (a, error_a), (b, error_b) = (scattered(bsdf, VIEWS, component=component) for bsdf in (tables, theirs))
+        assert (np.abs(a - b) < 4.5 * np.hypot(error_a, error_b) + 1e-5).all(), (component, a, b)
 
 
 def test_masking_of_a_transmission(variant):
@@ -266,16 +266,9 @@ def test_masking_of_a_transmission(variant):
     wo, _ = sc.refract(wi, m, 1.5)
     for shape in (dict(distribution="ggx"), dict(gamma=1.7, p=1.2)):
         one, other = (sc.evaluate(load(alpha=0.8, **shape, **GLASS, masking=k), wi, wo)[0][0, 0] for k in MASKING)
-        g = []
-        import sgtd
-
-        if "gamma" in shape:
-            ndf = sgtd.Ndf(**shape, alpha_u=0.8, alpha_v=0.8, accuracy=0.0)
-        else:
-            ndf = sgtd.Ndf(gamma=2.0, alpha_u=0.8, alpha_v=0.8, accuracy=0.0)
-        for w in (wi[0], -wo[0]):
-            w = w / np.linalg.norm(w)
-            g.append(float(ndf.g1(w)))
+        numbers = {"gamma": 2.0} if "distribution" in shape else shape
+        ndf = sgtd.Ndf(**numbers, alpha_u=0.8, alpha_v=0.8, accuracy=0.0)
+        g = [float(ndf.g1(w / np.linalg.norm(w))) for w in (wi[0], -wo[0])]
         x, y = 1 / g[0], 1 / g[1]
         beta = math.exp(math.lgamma(x) + math.lgamma(y) - math.lgamma(x + y))
         assert beta < 0.99 * g[0] * g[1]
@@ -380,14 +373,17 @@ def hard_inputs(step=1):
 
 
 @pytest.mark.parametrize(
-    "variant", ["scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono_polarized", "scalar_spectral_polarized"]
+    "case, variant",
+    [(case, variant) for case in HARD for variant in ("scalar_rgb", "llvm_ad_rgb")]
+    + [(case, "llvm_ad_mono_polarized") for case in HARD if case.startswith(("eta", "roughness", "ggx"))]
+    + [(case, "scalar_spectral_polarized") for case in ("eta 1", "roughness 0", "height correlated")],
 )
-@pytest.mark.parametrize("case", HARD)
 def test_no_bad_number(case, variant):
     conftest.use(variant)
     bsdf = load(**{**GLASS, **HARD[case]})
-    wi, wo, sample_wi, u = hard_inputs(1 if variant.startswith("llvm") else 3)
-    for texel in (0.25, 0.75):
+    wi, wo, sample_wi, u = hard_inputs(1 if variant.startswith("llvm") else 5)
+    textured = any(isinstance(value, np.ndarray) for value in HARD[case].values())
+    for texel in (0.25, 0.75) if textured else (0.25,):
         uv = (texel, 0.25)
         for value, pdf in (sc.evaluate(bsdf, wi, wo, uv), sc.evaluate_apart(bsdf, wi, wo, uv)):
             assert np.isfinite(value).all() and (value >= 0).all()
@@ -398,16 +394,12 @@ def test_no_bad_number(case, variant):
             valid = (weight > 0).any(axis=-1)
             assert np.isfinite(pdf[valid]).all() and (pdf[valid] > 0).all()
             assert np.abs(np.linalg.norm(out[valid], axis=-1) - 1.0).max(initial=0.0) < 1e-5
-            # radiance from glass to air is scaled up, and a lobe that all normals are drawn for may be missed by them
-            if bsdf_is_visible(HARD[case]):
+            # radiance from glass to air is scaled up, and where all normals are drawn a weight may be great
+            if HARD[case].get("sample_visible", True):
                 eta = HARD[case].get("int_ior", 1.5) / HARD[case].get("ext_ior", 1.0)
                 assert weight.max(initial=0.0) < 1.001 * max(eta, 1 / eta) ** 2 * (1.5 if case != "eta 1e4" else 10)
             if case not in ("eta 1", "eta 1e4", "eta 1e-4") and component is None:
                 assert valid[np.abs(sample_wi[:, 2]) > 0.4].any()
-
-
-def bsdf_is_visible(properties):
-    return properties.get("sample_visible", True)
 
 
 # (Mitsuba's own samplers have derivatives that are not a number at random numbers of 0)
@@ -421,9 +413,8 @@ def test_derivatives_are_finite(llvm, case):
         dr.enable_grad(params[key])
     params.update()
     wi, wo, sample_wi, u = hard_inputs()
-    eval_rows, sample_rows = (
-        [(np.abs(w[:, 2]) >= 1e-4) | (w[:, 2] == 0) for w in (wi, sample_wi)]
-    )
+    # at a cosine of 1e-7 derivatives overflow, in roughdielectric as well
+    eval_rows, sample_rows = ((np.abs(w[:, 2]) >= 1e-4) | (w[:, 2] == 0) for w in (wi, sample_wi))
     wi, wo, sample_wi, u = wi[eval_rows], wo[eval_rows], sample_wi[sample_rows], u[sample_rows]
     si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
     si.wi, si.uv = mi.Vector3f(wi.T), mi.Point2f(0.25, 0.25)
@@ -542,7 +533,7 @@ def test_polarized_light_and_importance():
 # -- renders
 
 
-def furnace(bsdf, shape="sphere", variant_spp=64):
+def furnace(bsdf):
     scene = mi.load_dict(
         {
             "type": "scene",
@@ -554,10 +545,10 @@ def furnace(bsdf, shape="sphere", variant_spp=64):
                 "film": {"type": "hdrfilm", "width": 32, "height": 32, "rfilter": {"type": "box"}},
             },
             "light": {"type": "constant"},
-            "ball": {"type": shape, "bsdf": bsdf},
+            "ball": {"type": "sphere", "bsdf": bsdf},
         }
     )
-    return mi.render(scene, spp=variant_spp).numpy()[..., :3]
+    return mi.render(scene, spp=64).numpy()[..., :3]
 
 
 def test_white_furnace(llvm):
@@ -706,7 +697,7 @@ def test_bad_input(variant, case):
 
 
 def test_whole_numbers_are_indices(variant):
-    assert "eta = " + str(mi.Float(2.0)) in str(load(int_ior=2, ext_ior=1))
+    assert np.array(mi.traverse(load(int_ior=2, ext_ior=1))["eta"]).item() == 2.0
 
 
 def test_frozen_eval(llvm):
@@ -739,11 +730,9 @@ def test_frozen_eval(llvm):
         assert frozen.n_recordings <= 2
 
 
-@pytest.mark.parametrize("name", ["llvm_ad_spectral", "scalar_spectral", "llvm_mono", "scalar_rgb_polarized"])
+@pytest.mark.parametrize("name", ["llvm_ad_spectral", "scalar_spectral", "llvm_ad_mono"])
 def test_other_variants(name):
     """Spectral and single-channel variants see the same glass."""
-    if name not in mi.variants():
-        pytest.skip(f"{name} is not in this Mitsuba")
     conftest.use(name)
     wi, wo = pairs(np.random.default_rng(18), 100, 0.3, 0.3, 1.5)
     value, _ = sc.evaluate(load(gamma=1.8, alpha=0.3, **GLASS), wi, wo)

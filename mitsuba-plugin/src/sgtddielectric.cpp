@@ -151,18 +151,18 @@ public:
 
             Mask straight = !reflected && index_matched(eta);
             // At great indices, refract() cancels, and its result is no longer as long as 1
-            Vector3f wo = dr::select(reflected, reflect(wi, m),
-                                     dr::normalize(refract(wi, m, -cos_t, inv_eta)));
+            Vector3f wo              = dr::select(reflected, reflect(wi, m),
+                                                  dr::normalize(refract(wi, m, -cos_t, inv_eta)));
             dr::masked(wo, straight) = -wi;
             // A cosine below 1e-7 is the rounding of the direction, its sign included
             active &= dr::mulsign_neg(Frame3f::cos_theta(wo),
                                       dr::select(reflected, Float(-1.f), Float(1.f))) > 1e-7f;
 
             // wi.m - eta cos_t, by Snell's law without the cancellation at eta = 1
-            Float sum  = dr::fmadd(eta, cos_t, dot_i),
-                  less = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
-                  jacobian =
-                      dr::select(reflected, dr::rcp(4.f * dr::dot(wo, m)), dr::square(eta / less) * cos_t);
+            Float sum            = dr::fmadd(eta, cos_t, dot_i),
+                  less           = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
+                  jacobian       = dr::select(reflected, dr::rcp(4.f * dr::dot(wo, m)),
+                                              dr::square(eta / less) * cos_t);
             bs.pdf               = probability * dr::select(straight, 1.f, pdf_m * jacobian);
             bs.wo                = dr::mulsign(wo, side);
             bs.eta               = dr::select(reflected, 1.f, eta);
