@@ -461,6 +461,26 @@ def test_derivative_of_eval(llvm, kind, key, masking):
     assert by_ad[smooth].sum() == pytest.approx(finite[smooth].sum(), rel=2e-2, abs=2e-2 * scale)
 
 
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+def test_derivative_of_a_sample(llvm, distribution):
+    """With respect to the normal of the surface, through the drawn direction and its weight: as in roughdielectric."""
+    found = []
+    for plugin in (PLUGIN, "roughdielectric"):
+        for lobe in (0.0, 0.9):
+            angle = mi.Float(0.1)
+            dr.enable_grad(angle)
+            si = dr.zeros(mi.SurfaceInteraction3f)
+            si.sh_frame = mi.Frame3f(mi.Normal3f(dr.sin(angle), 0, dr.cos(angle)))
+            si.wi = si.to_local(mi.Vector3f(0, 0, 1))
+            bsdf = sc.load(plugin, distribution=distribution, alpha=0.5)
+            bs, weight = bsdf.sample(mi.BSDFContext(), si, lobe, [0.3, 0.3])
+            dr.forward(angle, dr.ADFlag.ClearVertices)
+            found.append([weight[0][0], dr.grad(weight[0])[0], *(dr.grad(c)[0] for c in bs.wo)])
+    assert found[0] == pytest.approx(found[2], rel=1e-4, abs=1e-6)
+    assert found[1] == pytest.approx(found[3], rel=1e-4, abs=1e-6)
+    assert abs(found[0][1]) > 1e-3 and abs(found[1][1]) > 5e-5
+
+
 @pytest.mark.parametrize(
     "polarized, plain", [("llvm_ad_mono_polarized", "llvm_ad_mono"), ("scalar_spectral_polarized", "scalar_spectral")]
 )

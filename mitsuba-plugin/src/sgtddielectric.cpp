@@ -58,6 +58,10 @@ are the values times cos_o. Radiance that crosses the surface is scaled by 1/eta
 quantity that is traced from light sources is not. Light that meets a second facet is lost, as in
 ``roughdielectric``: reflection and transmission together stay below 1.
 
+Upright facets refract into the rim of a cone. For tails of 2 p gamma < 4 the value and the density
+are infinite on that rim, though not their integrals: light samples that come near it are noisy,
+material samples are not.
+
 ``masking`` = ``height_correlated`` is 1/(1 + Lambda_i + Lambda_o) in reflection and Euler's beta
 function B(1 + Lambda_i, 1 + Lambda_o) in transmission, whose directions lie on either side.
 
