@@ -44,6 +44,26 @@ template <typename Float_> struct SgtdTables {
     /// visible-normal table, C the mass above the knot
     FloatBuffer lambda, visible;
 
+    /**
+     * What a material on Mitsuba's own distribution has instead of tables.
+     *
+     * A frozen function notices a switch of code by the variables that it meets, so the variants of
+     * that code have different ones: none for GGX, a number for Beckmann, and the factor on the
+     * roughness only where it is not 1.
+     */
+    static SgtdTables without(bool beckmann, double alpha_scale) {
+        SgtdTables result;
+        if (beckmann) {
+            result.lambda_cells = 0;
+            dr::make_opaque(result.lambda_cells);
+        }
+        if (alpha_scale != 1.0) {
+            result.alpha_scale = (float)alpha_scale;
+            dr::make_opaque(result.alpha_scale);
+        }
+        return result;
+    }
+
     static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row) {
         SgtdTables result;
         if constexpr (dr::is_jit_v<Float>) {

@@ -9,6 +9,7 @@ use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
 use crate::profile::Profile;
 use crate::shape::{Row, Shape as CoreShape};
 use crate::skewed_t::SkewedT;
+use crate::tree::Node as CoreNode;
 use crate::visible_table::{CELLS, ROWS};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -45,6 +46,14 @@ mod ffi {
         alpha_scale: f64,
     }
 
+    /// The node of the tree at which a shape runs: its name, its shape there, and a factor on every roughness.
+    struct Node {
+        name: String,
+        shape: Shape,
+        alpha_scale: f64,
+        closed_form: bool,
+    }
+
     /// A sampled normal; pdf 0 marks an invalid one.
     struct NormalSample {
         m: Vec3,
@@ -69,6 +78,7 @@ mod ffi {
         type Ndf;
 
         fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape>;
+        fn lowest_node(shape: Shape) -> Result<Node>;
         fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
 
         fn header(self: &Ndf) -> TableHeader;
@@ -120,7 +130,7 @@ mod ffi {
     }
 }
 
-use ffi::{Given, NormalSample, RowShape, Shape, TableHeader, Vec3};
+use ffi::{Given, Node, NormalSample, RowShape, Shape, TableHeader, Vec3};
 
 /// The opaque object that C++ holds.
 pub struct Ndf(CoreNdf);
@@ -131,13 +141,26 @@ impl From<&Vec3> for DVec3 {
     }
 }
 
+impl From<&CoreShape> for Shape {
+    fn from(shape: &CoreShape) -> Self {
+        Self { gamma: shape.gamma(), p: shape.p(), lambda: shape.lambda(), shift: shape.shift() }
+    }
+}
+
 fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape, ParameterError> {
     let given = |g: Given| g.set.then_some(g.value);
     let row = Row::named(row)?;
     let shape = row.shape(given(gamma), given(p), given(lambda), given(shift))?;
-    Ok(RowShape {
-        alpha_scale: row.alpha_scale(&shape),
-        shape: Shape { gamma: shape.gamma(), p: shape.p(), lambda: shape.lambda(), shift: shape.shift() },
+    Ok(RowShape { alpha_scale: row.alpha_scale(&shape), shape: (&shape).into() })
+}
+
+fn lowest_node(shape: Shape) -> Result<Node, ParameterError> {
+    let node = CoreNode::lowest(&CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?);
+    Ok(Node {
+        name: node.row.name.to_owned(),
+        shape: (&node.shape).into(),
+        alpha_scale: node.alpha_scale,
+        closed_form: node.is_closed_form(),
     })
 }
 
