@@ -45,7 +45,7 @@ struct Node {
     Shape shape;
     /// Factor on the roughness that makes up for it
     double alpha_scale;
-    /// Are masking and visible normals closed forms?
+    /// Is it GGX without shift, where D, masking and visible normals are closed forms?
     bool closed_form;
 };
 

@@ -45,18 +45,14 @@ template <typename Float_> struct SgtdTables {
     FloatBuffer lambda, visible;
 
     /**
-     * What a material on Mitsuba's own distribution has instead of tables.
+     * What a material on Mitsuba's own distribution has instead of tables: nothing but a factor on
+     * its roughness, if that is not 1.
      *
-     * A frozen function notices a switch of code by the variables that it meets, so the variants of
-     * that code have different ones: none for GGX, a number for Beckmann, and the factor on the
-     * roughness only where it is not 1.
+     * A frozen function notices a switch of code by the variables that it meets, so those of one
+     * path must not be there on another.
      */
-    static SgtdTables without(bool beckmann, double alpha_scale) {
+    static SgtdTables without(double alpha_scale) {
         SgtdTables result;
-        if (beckmann) {
-            result.lambda_cells = 0;
-            dr::make_opaque(result.lambda_cells);
-        }
         if (alpha_scale != 1.0) {
             result.alpha_scale = (float)alpha_scale;
             dr::make_opaque(result.alpha_scale);

@@ -48,9 +48,11 @@ impl Node {
         Self { row, shape: reduced, alpha_scale }
     }
 
-    /// Does it have a closed form for everything, masking and visible normals included?
+    /// Is it GGX without shift: the one node where D, masking and the drawing of visible normals are all closed forms?
+    ///
+    /// Beckmann's masking needs erfc, and its visible normals an inverse that has none.
     pub fn is_closed_form(&self) -> bool {
-        self.row.freedom() == 0 && self.shape.shift() == 0.0
+        self.row.name == "ggx" && self.shape.shift() == 0.0
     }
 }
 
