@@ -65,6 +65,7 @@ nb::object per_direction(const Ndf &ndf, double alpha_u, double alpha_v, const A
 
 NB_MODULE(_core, m) {
     m.attr("mitsuba_release") = SGTD_MITSUBA_RELEASE;
+    m.attr("steep")           = sgtd::host::Steep;
 
     m.def(
         "shape_of_row",

@@ -23,10 +23,6 @@ template <typename Float_> struct SgtdTables {
     /// Size of the visible-normal table. The core has the same constants; `load` compares.
     static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
 
-    /// Greatest |d ln f / d ln x| for single precision: a slope has 2e-7 of relative error, a
-    /// Gaussian 28. Lower values cost time, higher ones accuracy.
-    static constexpr double Steep = 38.0;
-
     /// Factor on the roughness that the user gives
     Float alpha_scale;
     /// A / pi
@@ -73,7 +69,7 @@ template <typename Float_> struct SgtdTables {
             result.alpha_scale = (float)row.alpha_scale;
             result.factor      = (float)(tables.normalization / dr::Pi<double>);
             result.profile     = SgtdProfile<Float>::load(shape);
-            result.steep       = tables.steepness > Steep;
+            result.steep       = tables.steepness > sgtd::host::Steep;
             if (result.steep)
                 result.precise = SgtdProfile<Double>::load(shape);
             result.scale        = (float)tables.scale;
