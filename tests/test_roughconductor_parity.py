@@ -101,3 +101,42 @@ def test_beckmann_by_another_name_is_exact(variant):
     for given, low, high in ((dict(gamma=math.inf), 0, 1e-4), (dict(distribution="beckmann"), 1e-3, 2e-2)):
         error = abs(sc.evaluate(sc.load(alpha=0.5, **given), w, w)[0][0, 0] / exact - 1)
         assert low <= error < high, given
+
+
+@pytest.mark.parametrize("extra", [{}, {"sample_visible": False}, {"alpha_u": 0.3, "alpha_v": 0.1}], ids=str)
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+def test_the_same_kernels(llvm, distribution, extra):
+    """Not one operation more: kernels are equal to the last bit, and a scene with both plugins has one code path."""
+    import drjit as dr
+    import mitsuba as mi
+    from sgtd.explain.cost import count_code_paths
+
+    roughness = {} if extra else {"alpha": 0.3}
+    wi, wo = (mi.Vector3f(sc.uniform_directions(np.random.default_rng(k), 100).T.astype(np.float32)) for k in (1, 2))
+    si = dr.zeros(mi.SurfaceInteraction3f, 100)
+    si.wi = wi
+    dr.eval(si, wo)
+    hashes = {}
+    for plugin in ("roughconductor", "sgtdconductor"):
+        bsdf = sc.load(plugin, distribution=distribution, **roughness, **extra)
+        calls = (
+            lambda b: b.eval_pdf(mi.BSDFContext(), si, wo),
+            lambda b: b.pdf(mi.BSDFContext(), si, wo),
+            lambda b: b.sample(mi.BSDFContext(), si, wo.x, mi.Point2f(dr.abs(wo.x), dr.abs(wo.y))),
+        )
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            for call in calls:
+                dr.eval(call(bsdf))
+            hashes[plugin] = [str(kernel["hash"]) for kernel in dr.kernel_history([dr.KernelType.JIT])]
+    assert len(set(hashes["roughconductor"])) == 3
+    assert hashes["sgtdconductor"] == hashes["roughconductor"]
+    del bsdf
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "a": {"type": "sphere", "bsdf": {"type": "roughconductor", "distribution": distribution, **extra}},
+            "b": {"type": "sphere", "bsdf": {"type": "sgtdconductor", "distribution": distribution, **extra}},
+        }
+    )
+    assert count_code_paths(scene) == 1

@@ -311,8 +311,9 @@ private:
         if constexpr (Value) {
             UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
             Mask lit                   = active && D != 0.f;
-            // Within 1e-18 of grazing, D and 1/cos leave single precision
-            if (!m_builtin)
+            if (m_builtin)
+                active = lit;
+            else // within 1e-18 of grazing, D and 1/cos leave single precision
                 lit &= dr::all(dr::isfinite(result));
             Spectrum F = reflectance(ctx, si, wo, m, lit);
             if (m_specular_reflectance)
