@@ -114,8 +114,10 @@ with + where x exceeds the shift; gamma = inf means f = exp(-u). Two roughnesses
 along the two tangents, as in GGX. All defaults together are GGX, while ``roughconductor`` defaults
 to Beckmann: name the distribution when the two are compared.
 
-``beckmann`` and ``ggx`` without a shift run on Mitsuba's own MicrofacetDistribution and give the
-values of ``roughconductor``.
+Values decide what is computed, not the row. Without a shift, gamma = 2 and p = 1 run on Mitsuba's
+own MicrofacetDistribution and give the values of ``roughconductor`` (lambda is then a factor 1 +
+lambda on the roughness). So does ``beckmann``; as Mitsuba masks that by a fit within 6e-3, gamma =
+inf in other rows keeps tables of its own.
 
 The shape parameters are exposed as plain numbers, without derivatives. Changing one makes new
 tables; a value out of range is refused, and the material keeps what it had.
