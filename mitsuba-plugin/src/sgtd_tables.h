@@ -20,7 +20,8 @@ template <typename Float_> struct SgtdTables {
     using UInt32      = dr::uint32_array_t<Float>;
     using FloatBuffer = DynamicBuffer<Float>;
 
-    /// Size of the visible-normal table. The core has the same constants; `load` compares.
+    /// Size of the visible-normal table, of which `sample_visible = false` has the last row alone.
+    /// The core has the same constants; `load` compares.
     static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
 
     /// Factor on the roughness that the user gives
@@ -61,8 +62,9 @@ template <typename Float_> struct SgtdTables {
         if constexpr (dr::is_jit_v<Float>) {
             const sgtd::host::Tables tables = ndf.tables();
             const sgtd::host::Shape &shape  = row.shape;
-            if (tables.visible_rows != Rows || tables.visible_cells != Cells ||
-                tables.visible.size != 2 * (FirstPair + Rows * (Cells + 1)) ||
+            if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
+                tables.visible_cells != Cells ||
+                tables.visible.size != 2 * (FirstPair + tables.visible_rows * (Cells + 1)) ||
                 tables.lambda.size != 2 * ((size_t)tables.lambda_cells + 1))
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");

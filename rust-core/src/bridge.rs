@@ -10,7 +10,7 @@ use crate::profile::Profile;
 use crate::shape::{Row, Shape as CoreShape};
 use crate::skewed_t::SkewedT;
 use crate::tree::Node as CoreNode;
-use crate::visible_table::{CELLS, ROWS};
+use crate::visible_table::CELLS;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -164,9 +164,11 @@ fn lowest_node(shape: Shape) -> Result<Node, ParameterError> {
     })
 }
 
-fn new_ndf(shape: Shape, accuracy: f64, _visible: bool) -> Result<Box<Ndf>, ParameterError> {
+fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
     let shape = CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?;
-    Ok(Box::new(Ndf(CoreNdf::new(Box::new(SkewedT::new(shape)), accuracy)?)))
+    let profile = Box::new(SkewedT::new(shape));
+    let ndf = if visible { CoreNdf::new(profile, accuracy) } else { CoreNdf::projected(profile, accuracy) };
+    Ok(Box::new(Ndf(ndf?)))
 }
 
 /// Directions per task: large enough that the queue costs nothing, small enough to balance two cores.
@@ -189,7 +191,7 @@ impl Ndf {
             lambda_shift: lambda.shift(),
             lambda_first: lambda.first(),
             lambda_cells: lambda.cells(),
-            visible_rows: ROWS as u32,
+            visible_rows: self.0.visible_table().rows() as u32,
             visible_cells: CELLS as u32,
             accuracy_reached: self.0.accuracy_reached(),
             steepness: self.0.steepness(),
