@@ -117,9 +117,7 @@ Tables Ndf::tables() const {
     result.scale            = header.scale;
     result.accuracy_reached = header.accuracy_reached;
     result.steepness        = header.steepness;
-    result.lambda_shift     = header.lambda_shift;
-    result.lambda_first     = header.lambda_first;
-    result.lambda_cells     = header.lambda_cells;
+    result.lambda_entries   = header.lambda_entries;
     result.visible_rows     = header.visible_rows;
     result.visible_cells    = header.visible_cells;
     result.lambda           = { lambda.data(), lambda.size() };

@@ -68,7 +68,7 @@ struct Tables {
     double normalization, scale, accuracy_reached;
     /// Greatest |d ln D / d ln(slope)| that matters: by how much D magnifies a slope's rounding.
     double steepness;
-    uint32_t lambda_shift, lambda_first, lambda_cells, visible_rows, visible_cells;
+    uint32_t lambda_entries, visible_rows, visible_cells;
     Slice<const float> lambda, visible;
 };
 

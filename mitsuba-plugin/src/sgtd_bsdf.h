@@ -264,7 +264,8 @@ private:
                 tables = SgtdTables<Float>::without(reduced.alpha_scale);
             } else {
                 try {
-                    ndf = sgtd::host::Ndf::get(reduced.shape, m_accuracy, m_sample_visible);
+                    ndf = sgtd::host::Ndf::get(
+                        reduced.shape, SgtdTables<Float>::accuracy(m_accuracy), m_sample_visible);
                 } catch (const std::invalid_argument &error) {
                     Throw("%s", error.what());
                 }

@@ -146,8 +146,7 @@ public:
                 View view(stretch(wi));
                 std::tie(y, radial) = sample_radius(row_of(view), u.x());
                 Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
-                Float psi               = azimuth.solve(1.f - dr::abs(dr::fmsub(2.f, u.y(), 1.f)));
-                auto terms              = azimuth.terms(psi);
+                auto terms              = azimuth.solve(1.f - dr::abs(dr::fmsub(2.f, u.y(), 1.f)));
                 auto [sin_rel, cos_rel] = azimuth.sincos(terms);
                 sin_rel                 = dr::select(u.y() < .5f, -sin_rel, sin_rel);
                 sin_phi                 = dr::fmadd(view.sin_phi, cos_rel, view.cos_phi * sin_rel);
@@ -221,28 +220,23 @@ private:
     // ------------------------------------------------------------------
 
     /**
-     * H(a), where Lambda = H(a)/a, by cubic Hermite interpolation.
+     * H(a), where Lambda = H(a)/a: the cubic of a cell in the distance from its left end.
      *
-     * Nodes are 0 and the floating-point numbers whose lowest `lambda_shift` bits are 0.
+     * The exponent of `a` selects an entry, which holds the octave's first cell and the shift that
+     * makes cell numbers of mantissas.
      */
     Float masked_slope(const Float &a) const {
-        UInt32 last = m_tables.lambda_cells - 1u,
-               key  = dr::reinterpret_array<UInt32>(dr::detach(a)) >> m_tables.lambda_shift,
-               cell = dr::minimum(
-                   dr::maximum(key + 1u, m_tables.lambda_first) - m_tables.lambda_first, last),
-               node  = cell + m_tables.lambda_first;
-        auto node_at = [&](const UInt32 &key_) {
-            return dr::reinterpret_array<Float>(key_ << m_tables.lambda_shift);
-        };
-        Float high = node_at(node), low = dr::select(cell == 0u, 0.f, node_at(node - 1u)),
-              width = high - low, t = dr::clip((a - low) / width, 0.f, 1.f);
-
-        Vector2f left  = dr::gather<Vector2f>(m_tables.lambda, cell),
-                 right = dr::gather<Vector2f>(m_tables.lambda, cell + 1u);
-        Float h0 = left.x(), h1 = right.x(), d0 = left.y() * width, d1 = right.y() * width,
-              step = h1 - h0;
-        Float c2 = 3.f * step - 2.f * d0 - d1, c3 = d0 + d1 - 2.f * step;
-        return dr::maximum(dr::fmadd(t, dr::fmadd(t, dr::fmadd(t, c3, c2), d0), h0), 0.f);
+        constexpr uint32_t MantissaBits = 23, Mantissa = (1u << MantissaBits) - 1u;
+        auto bits_of = [](const Float &x) { return dr::reinterpret_array<UInt32>(dr::detach(x)); };
+        // Without the sign: directions below the horizon are masked later
+        UInt32 bits  = bits_of(dr::abs(a)),
+               entry = bits_of(dr::gather<Float>(m_tables.lambda, bits >> MantissaBits)),
+               shift = entry & 31u,
+               cell  = (entry >> 5u) + ((bits & Mantissa) >> shift) + Tables::Entries / 4;
+        Float d      = a - dr::reinterpret_array<Float>((bits >> shift) << shift);
+        Vector4f c   = dr::gather<Vector4f>(m_tables.lambda, cell);
+        return dr::maximum(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()),
+                           0.f);
     }
 
     // ------------------------------------------------------------------
@@ -306,7 +300,7 @@ private:
         return row.alone ? first : dr::fmadd(row.weight, first - second, second);
     }
 
-    /// C, the mass above knot `j`
+    /// C, the share of the mass above knot `j`
     Float mass_above(const Row &row, const UInt32 &j) const {
         UInt32 k    = 2u * pair_index(row, j);
         Float first = dr::gather<Float>(m_tables.visible, k);
@@ -341,20 +335,16 @@ private:
     };
 
     Cell cell_at(const Row &row, const UInt32 &j) const {
-        // Two rows (a, b), each at the first knot and at both ends of the cell
-        UInt32 first = pair_index(row, 0u), k = first + j, stride = Tables::Cells + 1;
-        Vector2f a_first = pair(first), a0 = pair(k), a1 = pair(k + 1u), b_first, b0, b1;
-        if (!row.alone) {
-            b_first = pair(first + stride);
-            b0      = pair(k + stride);
-            b1      = pair(k + stride + 1u);
-        }
+        // Two rows (a, b), each at both ends of the cell
+        UInt32 k = pair_index(row, j), stride = Tables::Cells + 1;
+        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = row.alone ? a0 : pair(k + stride),
+                 b1 = row.alone ? a1 : pair(k + stride + 1u);
         Cell cell;
         cell.y     = dr::gather<Float>(m_tables.visible, j);
         cell.width = dr::gather<Float>(m_tables.visible, j + 1u) - cell.y;
         cell.above = mix(row, a0.x(), b0.x());
         // Differences within a row are exact, and may be far less than what they are taken from
-        cell.below = mix(row, a_first.x() - a0.x(), b_first.x() - b0.x());
+        cell.below = mix(row, 1.f - a0.x(), 1.f - b0.x());
         cell.mass  = mix(row, a0.x() - a1.x(), b0.x() - b1.x());
         cell.g0    = mix(row, a0.y(), b0.y());
         cell.g1    = mix(row, a1.y(), b1.y());
@@ -375,17 +365,15 @@ private:
 
     /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost.
     std::pair<Float, Float> sample_radius(const Row &row, const Float &u) const {
-        Float total = mass_above(row, 0u), target = (1.f - u) * total;
-        UInt32 j = find_cell(
+        Float target = 1.f - u;
+        UInt32 j     = find_cell(
             [&](const UInt32 &k) { return dr::detach(mass_above(row, k)) >= dr::detach(target); });
         Mask lost = j == LostCell;
         Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
         // Mass of the cell below the target, counted from the nearer end of the distribution
-        Float part = dr::select(u < .5f, dr::fmsub(u, total, cell.below),
-                                dr::fnmadd(1.f - u, total, cell.above)),
+        Float part = dr::select(u < .5f, u - cell.below, cell.above - target),
               q = dr::clip(part / dr::maximum(cell.mass, 1e-30f), 0.f, 1.f), tau = cell.invert(q);
-        return { dr::fmadd(tau, cell.width, cell.y),
-                 dr::select(lost, 0.f, cell.density(tau) / total) };
+        return { dr::fmadd(tau, cell.width, cell.y), dr::select(lost, 0.f, cell.density(tau)) };
     }
 
     /// Density of y under `sample_radius`.
@@ -395,7 +383,7 @@ private:
         });
         Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
         Float tau = dr::clip((y - cell.y) / cell.width, 0.f, 1.f);
-        return dr::select(j == LostCell, 0.f, cell.density(tau) / mass_above(row, 0u));
+        return dr::select(j == LostCell, 0.f, cell.density(tau));
     }
 
 private:

@@ -78,16 +78,28 @@ template <typename Value_> struct SgtdProfile {
         Value whole, rest;
 
         Power(const Value &base, const Value &exponent) {
-            Value octave   = dr::frexp(dr::detach(base)).second,
-                  mantissa = base * dr::ldexp(Value(1), -octave), high = exponent * octave,
-                  low = dr::fmadd(exponent, octave, -high);
-            whole     = dr::round(high);
-            rest      = (high - whole) + dr::fmadd(exponent, dr::log2(mantissa), low);
+            // Bits of the exponent of a positive normal number
+            Int field    = Int(dr::reinterpret_array<UInt>(dr::detach(base)) >> MantissaBits);
+            Value octave = Value(field - Bias), mantissa = base * power_of_2(Bias - field),
+                  high = exponent * octave, low = dr::fmadd(exponent, octave, -high);
+            whole = dr::round(high);
+            rest  = (high - whole) + dr::fmadd(exponent, dr::log2(mantissa), low);
         }
 
         Value value() const {
             return dr::exp2(dr::clip(rest, LeastPower, -LeastPower)) *
-                   dr::ldexp(Value(1), dr::clip(whole, LeastPower, -LeastPower));
+                   power_of_2(Int(dr::clip(whole, LeastPower, -LeastPower)));
+        }
+
+    private:
+        using UInt = dr::uint_array_t<Value>;
+        using Int  = dr::int_array_t<Value>;
+
+        static constexpr bool Single      = sizeof(Scalar) == 4;
+        static constexpr int MantissaBits = Single ? 23 : 52, Bias = Single ? 127 : 1023;
+
+        static Value power_of_2(const Int &n) {
+            return dr::reinterpret_array<Value>(UInt(n + Bias) << MantissaBits);
         }
     };
 

@@ -24,6 +24,9 @@ template <typename Float_> struct SgtdTables {
     /// The core has the same constants; `load` compares.
     static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
 
+    /// Size of the masking table's header: one entry per exponent of a float.
+    static constexpr uint32_t Entries = 256;
+
     /// Factor on the roughness that the user gives
     Float alpha_scale;
     /// A / pi
@@ -35,10 +38,8 @@ template <typename Float_> struct SgtdTables {
     bool steep = false;
     /// The b of the row coordinate a / (a + b) of the visible-normal table
     Float scale;
-    /// Masking table: bits of a that are dropped to find its cell, first cell, number of cells
-    UInt32 lambda_shift, lambda_first, lambda_cells;
-    /// Pairs (H, H') of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
-    /// visible-normal table, C the mass above the knot
+    /// Entries and cubics of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
+    /// visible-normal table, C the share of the mass above the knot
     FloatBuffer lambda, visible;
 
     /**
@@ -57,6 +58,11 @@ template <typename Float_> struct SgtdTables {
         return result;
     }
 
+    /// The accuracy to ask the core for: nothing finer than single precision can show.
+    static double accuracy(double given) {
+        return dr::is_jit_v<Float> && given > 0.0 ? std::max(given, 1e-7) : given;
+    }
+
     static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row) {
         SgtdTables result;
         if constexpr (dr::is_jit_v<Float>) {
@@ -65,7 +71,7 @@ template <typename Float_> struct SgtdTables {
             if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
                 tables.visible_cells != Cells ||
                 tables.visible.size != 2 * (FirstPair + tables.visible_rows * (Cells + 1)) ||
-                tables.lambda.size != 2 * ((size_t)tables.lambda_cells + 1))
+                tables.lambda_entries != Entries)
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");
             result.alpha_scale = (float)row.alpha_scale;
@@ -74,14 +80,10 @@ template <typename Float_> struct SgtdTables {
             result.steep       = tables.steepness > sgtd::host::Steep;
             if (result.steep)
                 result.precise = SgtdProfile<Double>::load(shape);
-            result.scale        = (float)tables.scale;
-            result.lambda_shift = tables.lambda_shift;
-            result.lambda_first = tables.lambda_first;
-            result.lambda_cells = tables.lambda_cells;
-            result.lambda       = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
-            result.visible      = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
-            dr::make_opaque(result.alpha_scale, result.factor, result.scale, result.lambda_shift,
-                            result.lambda_first, result.lambda_cells, result.lambda,
+            result.scale   = (float)tables.scale;
+            result.lambda  = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
+            result.visible = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
+            dr::make_opaque(result.alpha_scale, result.factor, result.scale, result.lambda,
                             result.visible);
         } else {
             result.alpha_scale = (Float)row.alpha_scale;
@@ -89,8 +91,7 @@ template <typename Float_> struct SgtdTables {
         return result;
     }
 
-    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, scale, lambda_shift,
-                 lambda_first, lambda_cells, lambda, visible)
+    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, scale, lambda, visible)
 };
 
 NAMESPACE_END(mitsuba)

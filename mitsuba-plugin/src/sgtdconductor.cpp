@@ -100,8 +100,9 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
 
  * - accuracy
    - |float|
-   - Relative error of G1 that the tables may have, 0 to 0.1. 0 asks for the finest tables, and for
-     quadrature on every call in scalar variants. (Default: 1e-5)
+   - Relative error of G1 that the masking table may have, 0 to 0.1. Scalar variants go down to
+     1e-10, and 0 means quadrature on every call there. The finest of the other variants, whose
+     tables are in single precision, is 1e-7: smaller values and 0 mean that. (Default: 1e-5)
 
 This is a drop-in for ``roughconductor`` whose microfacet normals follow the skewed generalized
 t-distribution of Ribardiere et al., *Microfacet BSDFs Generated from NDFs and Explicit

@@ -5,6 +5,7 @@
 #![allow(unsafe_code, missing_docs)] // cxx generates both
 
 use crate::error::ParameterError;
+use crate::lambda_table::ENTRIES;
 use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
 use crate::profile::Profile;
 use crate::shape::{Row, Shape as CoreShape};
@@ -65,9 +66,7 @@ mod ffi {
     struct TableHeader {
         normalization: f64,
         scale: f64,
-        lambda_shift: u32,
-        lambda_first: u32,
-        lambda_cells: u32,
+        lambda_entries: u32,
         visible_rows: u32,
         visible_cells: u32,
         accuracy_reached: f64,
@@ -184,13 +183,10 @@ fn direction(packed: &[f64]) -> DVec3 {
 
 impl Ndf {
     fn header(&self) -> TableHeader {
-        let lambda = self.0.lambda_table();
         TableHeader {
             normalization: self.0.profile().normalization(),
             scale: self.0.visible_table().scale(),
-            lambda_shift: lambda.shift(),
-            lambda_first: lambda.first(),
-            lambda_cells: lambda.cells(),
+            lambda_entries: ENTRIES as u32,
             visible_rows: self.0.visible_table().rows() as u32,
             visible_cells: CELLS as u32,
             accuracy_reached: self.0.accuracy_reached(),

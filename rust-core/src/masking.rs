@@ -6,7 +6,7 @@
 //! This is the double integral of Ribardière et al. 2019, Eq. 10, reduced to a single one.
 //!
 //! The quadrature has a fixed part and a moving part. The profile is sampled once, on Gauss panels that no cusp of
-//! f and no ρ = 0 comes closer to than half their width. For an argument q, panels beyond 4q enter through their
+//! f and no ρ = 0 comes closer to than half their width. For an argument q, panels beyond 2q enter through their
 //! moments (the kernel is a power series in q/ρ there), panels nearer than that through their nodes, and only
 //! the piece that starts at q, where the kernel begins like (ρ−q)^(3/2), samples the profile anew.
 
@@ -39,10 +39,10 @@ impl Rule {
     pub const TABLE: Self = Self { points: 12, depth: 50.0 };
 }
 
-/// Kernel terms in (q/ρ)²; with ρ > 4q the first one left out is 1e-17.
-const TERMS: usize = 12;
+/// Kernel terms in (q/ρ)²; with ρ > 2q the first one left out is 2e-18.
+const TERMS: usize = 24;
 /// Multiple of q from which a panel counts as far.
-const FAR: f64 = 4.0;
+const FAR: f64 = 2.0;
 /// Panels end this close to ρ = 0 and to cusps, in units of the roughness; what lies nearer weighs less than 1e-13.
 const FLOOR: f64 = 1e-10;
 

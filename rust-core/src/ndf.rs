@@ -5,7 +5,7 @@
 
 use crate::azimuth::Azimuth;
 use crate::error::{ParameterError, require};
-use crate::lambda_table::LambdaTable;
+use crate::lambda_table::{FINEST_SINGLE, LambdaTable};
 use crate::masking::{MaskingIntegral, Rule};
 use crate::profile::Profile;
 use crate::visible_table::VisibleTable;
@@ -120,9 +120,11 @@ impl Ndf {
             "between 0 and 0.1",
             "it is the permitted relative error of G1; 0 asks for quadrature on every call",
         )?;
-        let rule = if accuracy == 0.0 { Rule::REFERENCE } else { Rule::TABLE };
+        let rule = if accuracy < FINEST_SINGLE { Rule::REFERENCE } else { Rule::TABLE };
         let masking = MaskingIntegral::new(profile.as_ref(), rule);
-        let lambda_table = LambdaTable::new(profile.as_ref(), &masking, accuracy);
+        // single-precision renderers read a table at accuracy 0 too
+        let tabulated = if accuracy == 0.0 { FINEST_SINGLE } else { accuracy };
+        let lambda_table = LambdaTable::new(profile.as_ref(), &masking, tabulated);
         let visible_table = tabulate(profile.as_ref(), &masking);
         let factor = profile.normalization() / PI;
         let quadrature = (accuracy == 0.0).then_some(masking);

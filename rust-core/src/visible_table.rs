@@ -2,8 +2,8 @@
 //!
 //! In stretched slopes the visible slopes seen under `a = cot θ` have the radial density
 //! `n(ρ; a) = (2A/π) f(ρ) ρ [π a + k(ρ, a)]`, `k = √(ρ²−a²) − a acos(a/ρ)` for ρ > a and 0 below,
-//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the mass `C` above y and the density
-//! `g = −dC/dy` of `n/(a + b)`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
+//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the share `C` of the mass above y and
+//! `g = −dC/dy`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
 //! the knot values and slopes of one monotone rational-quadratic spline (Gregory & Delbourgo 1982), which has a
 //! closed-form inverse. The spline *is* the sampling density, so its error costs variance and never bias.
 //!
@@ -97,8 +97,10 @@ impl VisibleTable {
             for j in (0..CELLS - 1).rev() {
                 above[j] = above[j + 1] + masses[j];
             }
+            let share = 1.0 / above[0];
             for (&rho, &above) in knots.iter().zip(&above) {
-                flat.extend([above as f32, (factor * profile.f(rho) * view.kernel(rho)) as f32]);
+                let density = factor * profile.f(rho) * view.kernel(rho);
+                flat.extend([(share * above) as f32, (share * density) as f32]);
             }
             flat.extend([0.0, 0.0]);
         }
@@ -166,8 +168,7 @@ impl VisibleTable {
     /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
     pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
         let rows = self.mixed(mixture);
-        let total = rows.above(0);
-        let target = (1.0 - u) * total;
+        let target = 1.0 - u;
         let j = last_where(|j| rows.above(j) >= target);
         if j == CELLS - 1 {
             return None;
@@ -182,7 +183,7 @@ impl VisibleTable {
         let b = d0 - q * k;
         let below = b + (b * b + 4.0 * (1.0 - b) * q).max(0.0).sqrt();
         let tau = if below > 0.0 { (2.0 * q / below).min(1.0) } else { 0.0 };
-        Some((cell.y + tau * cell.width, cell.density(tau) / total))
+        Some((cell.y + tau * cell.width, cell.density(tau)))
     }
 
     /// Density per dρ² of what [`VisibleTable::sample`] draws.
@@ -193,7 +194,7 @@ impl VisibleTable {
         }
         let rows = self.mixed(mixture);
         let cell = self.cell(rows, j);
-        cell.density((y - cell.y) / cell.width) / rows.above(0)
+        cell.density((y - cell.y) / cell.width)
     }
 }
 
@@ -263,7 +264,7 @@ impl View {
         (self.position < 1.0).then(|| self.scale * self.position / (1.0 - self.position))
     }
 
-    /// `[π a + k(ρ, a)]/(a + b)`.
+    /// `[π a + k(ρ, a)]/(a + b)`, finite for every a.
     fn kernel(&self, rho: f64) -> f64 {
         let Some(a) = self.cotangent() else { return PI };
         let k = if rho > a { crate::masking::bracket(a, rho, rho - a).0 } else { 0.0 };

@@ -9,7 +9,7 @@ mod cases;
 use cases::Case;
 use sgtd_core::exponent::Exponent;
 use sgtd_core::gamma_ratio::scaled_gamma_ratio;
-use sgtd_core::lambda_table::LambdaTable;
+use sgtd_core::lambda_table::{ENTRIES, LambdaTable};
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::partial_moment::{Radius, Side};
 use sgtd_core::profile::Profile;
@@ -249,22 +249,30 @@ fn masking_table_across_its_cells() {
         let profile = case.profile();
         let masking = MaskingIntegral::new(&profile, Rule::TABLE);
         let table = LambdaTable::new(&profile, &masking, 1e-4);
-        for cell in 0..table.cells() {
-            let at_bits =
-                |k: i64| f64::from(f32::from_bits((i64::from((table.first() + cell) << table.shift()) + k) as u32));
+        // exponents whose octave is divided: their cells are told apart by bits of the mantissa
+        let shift = |exponent: u32| table.flat()[exponent as usize].to_bits() & 31;
+        let divided: Vec<u32> = (0..ENTRIES as u32).filter(|&exponent| shift(exponent) <= 23).collect();
+        let (Some(first), Some(last)) = (divided.first(), divided.last()) else { panic!("{case:?}: no octave") };
+        assert_eq!(divided.len() as u32, last + 1 - first, "{case:?}");
+        let inner = divided.iter().flat_map(|&exponent| {
+            (0..1u32 << (23 - shift(exponent))).map(move |cell| (exponent << 23) + (cell << shift(exponent)))
+        });
+        let end = (last + 1) << 23;
+        for border in inner.chain([end]) {
+            let at_bits = |k: i64| f64::from(f32::from_bits((i64::from(border) + k) as u32));
             // the cell is found in single precision: four of its steps to either side
-            let (below, border, above) = (at_bits(-4), at_bits(0), at_bits(4));
-            let (before, at, after) = (table.h(below), table.h(border), table.h(above));
-            let (left, right) = ((at - before) / (border - below), (after - at) / (above - border));
+            let (below, at, above) = (at_bits(-4), at_bits(0), at_bits(4));
+            let [before, here, after] = [below, at, above].map(|a| table.h(a));
+            let (left, right) = ((here - before) / (at - below), (after - here) / (above - at));
             let slope = |h: f64| (-0.5 - 1e-6..=1e-6).contains(&h);
-            assert!(slope(left) && slope(right), "{case:?}: H jumps at {border}, with slopes {left} and {right}");
-            if cell + 1 < table.cells() {
-                // beyond the last node H is constant
-                assert!((left - right).abs() < 3e-3, "{case:?}: H' jumps from {left} to {right} at {border}");
+            assert!(slope(left) && slope(right), "{case:?}: H jumps at {at}, with slopes {left} and {right}");
+            if border < end {
+                // beyond the last cell H is constant
+                assert!((left - right).abs() < 3e-3, "{case:?}: H' jumps from {left} to {right} at {at}");
             }
         }
-        let last = f64::from(f32::from_bits((table.first() + table.cells() - 1) << table.shift()));
-        assert_eq!(table.h(2.0 * last), table.h(last), "{case:?}: beyond the last node");
+        let end = f64::from(f32::from_bits(end));
+        assert_eq!(table.h(2.0 * end), table.h(end), "{case:?}: beyond the last cell");
     }
 }
 

@@ -4,18 +4,18 @@ mod cases;
 
 use cases::{Case, LIST, Random};
 use rayon::prelude::*;
-use sgtd_core::lambda_table::{FINEST_ACCURACY, LambdaTable};
+use sgtd_core::lambda_table::{ENTRIES, FINEST_SINGLE, LambdaTable};
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness};
 use sgtd_core::visible_table::{CELLS, FIRST_PAIR, ROWS};
 
-const ACCURACIES: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+const ACCURACIES: [f64; 10] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10];
 
-/// Accuracies that are promised to be reached; at 1e-7 the rounding of single-precision nodes is as large.
+/// Accuracies that are promised to be reached; beyond, the finest table may be too coarse next to a cusp.
 const REACHED_FROM: f64 = 1e-6;
 
 /// Bytes that the two tables of a material may take together at the default accuracy.
-const DEFAULT_ACCURACY: f64 = 1e-3;
+const DEFAULT_ACCURACY: f64 = 1e-5;
 const LARGEST: usize = 16 * 1024;
 
 fn shapes() -> Vec<Case> {
@@ -33,7 +33,7 @@ fn arguments() -> impl Iterator<Item = f64> {
 /// The relative error of G1 against quadrature is at most what `reached` says, and that at most what was asked for.
 #[test]
 fn promised_accuracy_is_reached() {
-    let results: Vec<(Case, [(f64, f64, f64, usize); 7])> = shapes()
+    let results: Vec<(Case, [(f64, f64, f64, usize); ACCURACIES.len()])> = shapes()
         .into_par_iter()
         .map(|case| {
             let profile = case.profile();
@@ -41,7 +41,8 @@ fn promised_accuracy_is_reached() {
             let rough = MaskingIntegral::new(&profile, Rule::TABLE);
             let truth: Vec<(f64, f64)> = arguments().map(|a| (a, masking.at(&profile, a).h)).collect();
             let measured = ACCURACIES.map(|accuracy| {
-                let table = LambdaTable::new(&profile, &rough, accuracy);
+                let rule = if accuracy < FINEST_SINGLE { &masking } else { &rough };
+                let table = LambdaTable::new(&profile, rule, accuracy);
                 let (error, a) = truth
                     .iter()
                     .map(|&(a, h)| (((a + h) / (a + table.h(a)) - 1.0).abs(), a))
@@ -62,7 +63,7 @@ fn promised_accuracy_is_reached() {
             if accuracy >= REACHED_FROM && reached > accuracy {
                 failures.push(format!("{case:?} at {accuracy:e}: reached only {reached:.2e}"));
             }
-            if reached > 4.0 * FINEST_ACCURACY.max(accuracy) {
+            if reached > 4.0 * FINEST_SINGLE.max(accuracy) {
                 failures.push(format!("{case:?} at {accuracy:e}: reached only {reached:.2e}"));
             }
         }
@@ -90,20 +91,15 @@ fn tables_fit_into_the_first_level_cache() {
     }
 }
 
-/// H from the flat table as a renderer reads it: single precision, a shift of the argument's bits, cubic Hermite cells.
-fn h_from_flat(flat: &[f32], shift: u32, first: u32, cells: u32, a: f32) -> f32 {
-    let key = a.to_bits() >> shift;
-    let cell = (i64::from(key) - i64::from(first) + 1).clamp(0, i64::from(cells) - 1) as u32;
-    let node = |k: u32| f32::from_bits(k << shift);
-    let high = node(cell + first);
-    let low = if cell == 0 { 0.0 } else { node(cell + first - 1) };
-    let width = high - low;
-    let t = ((a - low) / width).clamp(0.0, 1.0);
-    let pair = |k: u32| (flat[2 * k as usize], flat[2 * k as usize + 1]);
-    let ((h0, s0), (h1, s1)) = (pair(cell), pair(cell + 1));
-    let rest = 1.0 - t;
-    (rest * rest * (h0 * (1.0 + 2.0 * t) + s0 * width * t) + t * t * (h1 * (3.0 - 2.0 * t) - s1 * width * rest))
-        .max(0.0)
+/// H from the flat table as a renderer reads it: single precision, an octave's entry, one cubic.
+fn h_from_flat(table: &LambdaTable, a: f32) -> f32 {
+    let (entries, cells) = table.flat().split_at(ENTRIES);
+    let bits = a.to_bits();
+    let entry = entries[(bits >> 23) as usize].to_bits();
+    let (shift, start) = (entry & 31, entry >> 5);
+    let cell = (start + ((bits & 0x7f_ffff) >> shift)) as usize;
+    let d = a - f32::from_bits((bits >> shift) << shift);
+    cells[4 * cell..4 * cell + 4].iter().rev().fold(0.0, |sum, c| d * sum + c).max(0.0)
 }
 
 #[test]
@@ -112,14 +108,9 @@ fn flat_masking_table_gives_what_the_core_gives() {
         for accuracy in [1e-2, 1e-4, 1e-6] {
             let ndf = Ndf::new(Box::new(case.profile()), accuracy).unwrap_or_else(|error| panic!("{error}"));
             let table = ndf.lambda_table();
-            assert_eq!(table.flat().len(), 2 * (table.cells() as usize + 1));
-            let special = [0.0, f32::from_bits(1), f32::MIN_POSITIVE, f32::MAX, f32::INFINITY];
+            let special = [0.0, f32::from_bits(1), f32::MIN_POSITIVE, f32::MAX];
             for a in arguments().map(|a| a as f32).chain(special) {
-                let flat = h_from_flat(table.flat(), table.shift(), table.first(), table.cells(), a);
-                if !a.is_finite() {
-                    assert!(flat.is_finite() && flat >= 0.0, "{case:?}: H(∞) = {flat}");
-                    continue;
-                }
+                let flat = h_from_flat(table, a);
                 let core = table.h(f64::from(a));
                 // rounding of the single-precision cubic, whose terms are as large as H at the left end
                 let error = (f64::from(flat) - core).abs() / (f64::from(a) + core);
@@ -156,14 +147,13 @@ fn flat_visible_table_gives_what_the_core_gives() {
                 (0..=CELLS).all(|j| pair(j).0 >= 0.0 && pair(j).1 >= 0.0 && pair(j).1.is_finite()),
                 "{case:?} row {row}"
             );
-            assert_eq!(pair(CELLS), (0.0, 0.0), "{case:?} row {row}");
-            // exactly on a row, the density at a knot is g/C₀
+            assert_eq!((pair(0).0, pair(CELLS)), (1.0, (0.0, 0.0)), "{case:?} row {row}");
+            // exactly on a row, the density at a knot is g
             let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
             let mixture =
                 if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
             for (j, &knot) in flat.iter().enumerate().take(CELLS - 1) {
-                let (got, want) =
-                    (table.density(mixture, f64::from(knot)), f64::from(pair(j).1) / f64::from(pair(0).0));
+                let (got, want) = (table.density(mixture, f64::from(knot)), f64::from(pair(j).1));
                 let empty = pair(j).0 == pair(j + 1).0;
                 assert!(
                     empty || (got - want).abs() <= 1e-5 * want,
