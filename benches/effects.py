@@ -27,6 +27,8 @@ RING = {"gamma": 1.9, "shift": 0.4}
 EFFECTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
     ("GGX of the family", {"type": "roughconductor", "distribution": "ggx"}, {}),
     ("Beckmann by name", {"type": "roughconductor"}, {"distribution": "beckmann"}),
+    ("glass of GGX", {"type": "roughdielectric", "distribution": "ggx"}, {"type": "sgtddielectric"}),
+    ("transmission of tables", TABLES, {"type": "sgtddielectric", **TABLES}),
     ("tail", {}, TABLES),
     ("kurtosis", TABLES, {**TABLES, "p": 1.3}),
     ("shift", TABLES, RING),
@@ -89,7 +91,7 @@ def table_bytes(properties: dict[str, Any]) -> int:
     """Bytes of the tables that the core makes for a material."""
     from sgtd import _core
 
-    if properties.get("type", "sgtdconductor") != "sgtdconductor":
+    if properties.get("type", "sgtd").startswith("rough"):
         return 0
     row = properties.get("distribution", "sgtd")
     *shape, _ = _core.shape_of_row(row, *(properties.get(name) for name in ("gamma", "p", "lambda", "shift")))

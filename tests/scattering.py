@@ -53,21 +53,29 @@ def _collect(result, count):
     return np.stack([np.broadcast_to(np.array(c, dtype=np.float32), (count,)) for c in result], axis=-1)
 
 
-def evaluate(bsdf, wi, wo, uv=None, mode=None):
-    """eval_pdf: values (N, channels) and densities (N,)."""
-    value, pdf = _evaluate("eval_pdf", bsdf, wi, wo, uv, mode)
-    return value, pdf
-
-
-def evaluate_apart(bsdf, wi, wo, uv=None):
-    """The same from eval and pdf."""
-    return _evaluate("eval", bsdf, wi, wo, uv)[0], _evaluate("pdf", bsdf, wi, wo, uv)[1]
-
-
-def _evaluate(call, bsdf, wi, wo, uv=None, mode=None):
+def context(mode=None, component=None) -> mi.BSDFContext:
+    """Of radiance and all components, if not said otherwise."""
     ctx = mi.BSDFContext()
     if mode is not None:
         ctx.mode = mode
+    if component is not None:
+        ctx.component = component
+    return ctx
+
+
+def evaluate(bsdf, wi, wo, uv=None, mode=None, component=None):
+    """eval_pdf: values (N, channels) and densities (N,)."""
+    value, pdf = _evaluate("eval_pdf", bsdf, wi, wo, uv, mode, component)
+    return value, pdf
+
+
+def evaluate_apart(bsdf, wi, wo, uv=None, component=None):
+    """The same from eval and pdf."""
+    return tuple(_evaluate(call, bsdf, wi, wo, uv, None, component)[i] for i, call in enumerate(("eval", "pdf")))
+
+
+def _evaluate(call, bsdf, wi, wo, uv=None, mode=None, component=None):
+    ctx = context(mode, component)
     count, (wi, uv, wo) = _rows(wi, uv, wo)
 
     def split(answer):
@@ -94,22 +102,35 @@ def _evaluate(call, bsdf, wi, wo, uv=None, mode=None):
     return values, None if pdf is None else np.broadcast_to(pdf.numpy(), (count,))
 
 
-def sample(bsdf, wi, u, uv=None):
-    """Directions (N, 3), densities (N,), weights (N, channels); invalid samples have weight 0."""
-    ctx = mi.BSDFContext()
+def sample(bsdf, wi, u, uv=None, mode=None, component=None):
+    """Directions (N, 3), densities (N,), weights (N, channels); invalid samples have weight 0.
+
+    The third column of u, 0.5 if there is none, selects the component.
+    """
+    wo, pdf, weight, *_ = sample_all(bsdf, wi, u, uv, mode, component)
+    return wo, pdf, weight
+
+
+def sample_all(bsdf, wi, u, uv=None, mode=None, component=None):
+    """As `sample`, with eta, the type and the component of each sample."""
+    ctx = context(mode, component)
     count, (wi, uv, u) = _rows(wi, uv, u)
+    if u.shape[1] == 2:
+        u = np.concatenate([u, np.full((count, 1), 0.5, dtype=np.float32)], axis=1)
     if is_scalar():
-        wo, pdf, weight = [], [], []
+        rows = []
         for one_wi, one_uv, one_u in zip(wi.tolist(), uv.tolist(), u.tolist()):
-            bs, w = bsdf.sample(ctx, _interaction(one_wi, one_uv, None), 0.5, one_u)
-            wo.append([float(c) for c in bs.wo])
-            pdf.append(bs.pdf)
-            weight.append([float(c) for c in channel(w)])
-        return tuple(np.array(a, dtype=np.float32) for a in (wo, pdf, weight))
+            bs, w = bsdf.sample(ctx, _interaction(one_wi, one_uv, None), one_u[2], one_u[:2])
+            weight = [float(c) for c in channel(w)]
+            rows.append(([float(c) for c in bs.wo], bs.pdf, weight, bs.eta, bs.sampled_type, bs.sampled_component))
+        kinds = (np.float32,) * 4 + (np.uint32,) * 2
+        return tuple(np.array(column, dtype=kind) for column, kind in zip(zip(*rows), kinds))
     si = _interaction(_vector(mi.Vector3f, wi), _vector(mi.Point2f, uv), count)
-    bs, w = bsdf.sample(ctx, si, dr.full(mi.Float, 0.5, count), _vector(mi.Point2f, u))
+    bs, w = bsdf.sample(ctx, si, mi.Float(u[:, 2].copy()), _vector(mi.Point2f, u[:, :2]))
     dr.eval(bs, w)
-    return _collect(bs.wo, count), np.broadcast_to(bs.pdf.numpy(), (count,)), _collect(channel(w), count)
+    numbers = (np.broadcast_to(a.numpy(), (count,)) for a in (bs.pdf, bs.eta, bs.sampled_type, bs.sampled_component))
+    pdf, eta, kind, which = numbers
+    return _collect(bs.wo, count), pdf, _collect(channel(w), count), eta, kind, which
 
 
 # -- inputs
@@ -138,6 +159,15 @@ def normals(rng, count, alpha_u, alpha_v, reach=3.0):
 
 def reflect(wi, m):
     return 2.0 * np.sum(wi * m, axis=-1, keepdims=True) * m - wi
+
+
+def refract(wi, m, eta):
+    """The refracted direction for the relative index below the surface `eta`, and whether there is one."""
+    wi, m = np.asarray(wi, dtype=np.float64), np.asarray(m, dtype=np.float64)
+    cos = np.sum(wi * m, axis=-1, keepdims=True)
+    ratio = np.where(cos > 0, 1.0 / eta, eta)
+    square = 1.0 - ratio**2 * (1.0 - cos**2)
+    return m * (ratio * cos - np.sign(cos) * np.sqrt(np.maximum(square, 0.0))) - ratio * wi, square[..., 0] > 0
 
 
 def relative_error(found, expected, floor=0.0):

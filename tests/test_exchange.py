@@ -1,4 +1,4 @@
-"""The exchange of materials in the scene graph: every rough conductor of a scene, and nothing else.
+"""The exchange of materials in the scene graph: every rough metal and glass of a scene, and nothing else.
 
 The laws: both sides describe the same scene but for the plugin and its shape; a node is exchanged wherever it is
 nested and however often it is used; the file's own materials stay as they are on their own side.
@@ -10,6 +10,7 @@ import math
 
 import mitsuba as mi
 import pytest
+from sgtd.compare import side_text
 from sgtd.errors import UserError
 from sgtd.exchange import exchange, nearest_distribution, parse_settings
 from sgtd.scene_graph import read_scene
@@ -99,6 +100,38 @@ def test_textures_reflectance_and_anisotropy_are_kept(tmp_path):
     assert set(right) - set(left) == {"distribution", "gamma", "lambda"}
     for name in left:
         assert str(left[name]) == str(right[name])
+
+
+GLASS = '<string name="int_ior" value="water"/><float name="ext_ior" value="1"/><float name="alpha" value="0.3"/>'
+
+
+def test_glass_is_exchanged_for_glass(tmp_path):
+    """Both kinds in one file, in the order of the file; indices and transmittance stay as they are."""
+    body = f"""{ROUGH}<bsdf type="roughdielectric">{GLASS}<rgb name="specular_transmittance" value="0.5"/></bsdf>
+        <bsdf type="sgtddielectric">{GLASS}<float name="gamma" value="8"/><float name="shift" value="1"/></bsdf>"""
+    pair = pair_of(tmp_path, body, "gamma=1.8")
+    assert [exchange.left for exchange in pair.exchanges] == [
+        "roughconductor, beckmann",
+        "roughdielectric, beckmann",
+        "roughdielectric, beckmann",
+    ]
+    assert [exchange.right for exchange in pair.exchanges] == [
+        "sgtdconductor, sgtd, gamma = 1.8",
+        "sgtddielectric, sgtd, gamma = 1.8",
+        "sgtddielectric, sgtd, gamma = 1.8, shift = 1",
+    ]
+    (left, nearest), (right, _) = properties(pair.left, "roughdielectric"), properties(pair.right, "sgtddielectric")
+    assert {key: str(value) for key, value in left.items()}.items() <= {k: str(v) for k, v in right.items()}.items()
+    assert nearest == {"int_ior": "water", "ext_ior": 1.0, "alpha": 0.3, "distribution": "beckmann"}
+    assert not properties(pair.left, "sgtddielectric") and not properties(pair.right, "roughdielectric")
+
+
+def test_the_picture_names_both_kinds(tmp_path):
+    pair = pair_of(tmp_path, f'{ROUGH}{ROUGH}<bsdf type="roughdielectric">{GLASS}</bsdf>')
+    assert side_text(pair, "right") == (
+        "right: sgtdconductor and sgtddielectric, 3 materials",
+        "2 × sgtdconductor, beckmann; 1 × sgtddielectric, beckmann",
+    )
 
 
 @pytest.mark.parametrize(

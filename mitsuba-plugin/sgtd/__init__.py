@@ -1,6 +1,6 @@
 """Microfacet BSDFs of the skewed generalized t-distribution (SGTD) family for Mitsuba 3.
 
-Importing this package makes the plugin ``sgtdconductor`` known to Mitsuba::
+Importing this package makes the plugins ``sgtdconductor`` and ``sgtddielectric`` known to Mitsuba::
 
     import mitsuba as mi
     import sgtd
@@ -9,9 +9,9 @@ Importing this package makes the plugin ``sgtdconductor`` known to Mitsuba::
     bsdf = mi.load_dict({"type": "sgtdconductor", "material": "Au", "gamma": 1.8})
 
 The import may come before or after ``mi.set_variant``: Mitsuba has one search path for the whole process, shared by all variants and
-threads. Only ``mi.set_file_resolver`` with a new resolver loses the plugin; :func:`register` adds it again.
+threads. Only ``mi.set_file_resolver`` with a new resolver loses them; :func:`register` adds it again.
 
-``MITSUBA_RELEASE`` is the release of Mitsuba that the plugin was built for; it works with no other.
+``MITSUBA_RELEASE`` is the release of Mitsuba that the plugins were built for; they work with no other.
 
 :class:`sgtd.Ndf` evaluates the distributions over numpy arrays, without Mitsuba's variants.
 """
@@ -33,14 +33,14 @@ __all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
 
-#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so``.
+#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so`` and ``plugins/sgtddielectric.so``.
 PLUGIN_DIR = Path(__file__).resolve().parent
 
 
 def register() -> None:
-    """Puts the plugin on Mitsuba's search path; does nothing if it is there.
+    """Puts the plugins on Mitsuba's search path; does nothing if they are there.
 
-    Raises ``ImportError`` if Mitsuba is missing, or is another release than the one that the plugin was built for.
+    Raises ``ImportError`` if Mitsuba is missing, or is another release than the one that they were built for.
     """
     mend = f"Install the matching one: pip install mitsuba=={MITSUBA_RELEASE}"
     try:
@@ -73,4 +73,6 @@ try:
     register()
 except ImportError as error:
     # Not fatal: arrays need no Mitsuba, and `sgtd doctor` must be able to say what is wrong
-    warnings.warn(f"the plugin sgtdconductor is not available: {error}", RuntimeWarning, stacklevel=2)
+    warnings.warn(
+        f"the plugins sgtdconductor and sgtddielectric are not available: {error}", RuntimeWarning, stacklevel=2
+    )

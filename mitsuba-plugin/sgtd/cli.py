@@ -66,7 +66,7 @@ _DEFINE = click.option(
 def render_command(
     scene: Path, output: Path, variant: str | None, spp: int | None, sensor: int, parameters: dict[str, str]
 ) -> None:
-    """Render a scene; sgtdconductor can be used in it.
+    """Render a scene; sgtdconductor and sgtddielectric can be used in it.
 
     \b
     Examples:
@@ -84,7 +84,7 @@ def render_command(
     click.echo(f"{output}: {result.spp} samples per pixel in {result.seconds + result.first_pass_excess:.1f} s")
 
 
-@cli.command("compare", short_help="Compare roughconductor with sgtdconductor in any scene.")
+@cli.command("compare", short_help="Compare Mitsuba's rough materials with ours in any scene.")
 @_SCENE
 @click.option("-o", "--output", type=_PATH, required=True, help="Folder for the images, the picture and the table.")
 @click.option(
@@ -112,16 +112,18 @@ def compare_command(
     exposure: float | None,
     log: bool,
 ) -> None:
-    """Compare roughconductor (left) with sgtdconductor (right) in any scene.
+    """Compare Mitsuba's rough materials (left) with ours (right) in any scene.
 
-    Every roughconductor of the scene is exchanged for an sgtdconductor of the same metal and roughness; --set moves
-    its shape away from the scene's own distribution. A scene that has sgtdconductor already is compared the other
-    way round: it is shown on the right, and on the left the nearest roughconductor.
+    Every roughconductor of the scene is exchanged for an sgtdconductor of the same metal and roughness, and every
+    roughdielectric for an sgtddielectric of the same indices; --set moves their shape away from the scene's own
+    distribution. A material of ours that the scene has already is compared the other way round: it is shown on the
+    right, and on the left the nearest of Mitsuba's.
 
     \b
     Examples:
       sgtd compare scenes/spheres.xml -o out/spheres --set distribution=student --set gamma=1.6
       sgtd compare scenes/lobe.xml -o out/lobe --log --set gamma=1.8 --set p=0.8 --set shift=1
+      sgtd compare scenes/glass.xml -o out/glass --set distribution=student --set gamma=1.7
       sgtd compare my_scene.xml -o out/mine --set lambda=0.4 --spp 64 -D resolution=512
 
     Writes left.exr, right.exr, comparison.png, comparison.csv and comparison.json.
@@ -180,7 +182,7 @@ def accuracy_command(
     """Show what accuracy costs in time: for functions, and for images.
 
     The property "accuracy" is swept from 1e-1 to 1e-10 and 0 (quadrature). A scene of your own keeps its
-    sgtdconductors unless --shape is given; roughconductors are exchanged for the shapes.
+    sgtdconductors and sgtddielectrics unless --shape is given; Mitsuba's rough materials are exchanged for the shapes.
 
     \b
     Examples:
@@ -247,7 +249,7 @@ def explain_command(
 def doctor_command() -> None:
     """Say what works on this machine, and how to mend what does not.
 
-    The exit status is 0 if sgtdconductor works at least in scalar_rgb.
+    The exit status is 0 if both plugins work at least in scalar_rgb.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""``sgtd compare``: one scene with roughconductor and with sgtdconductor, side by side."""
+"""``sgtd compare``: one scene with Mitsuba's rough materials and with ours, side by side."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def labels(report: Report) -> picture.Labels:
     if report.verdict():
         numbers += "  " + report.verdict()
     return picture.Labels(
-        title=f"{report.scene.name}: the same metals and roughness, another distribution of microfacets",
+        title=f"{report.scene.name}: the same materials and roughness, another distribution of microfacets",
         left=side_text(report.pair, "left"),
         right=side_text(report.pair, "right"),
         footer=(numbers, f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds."),
@@ -94,10 +94,12 @@ def side_text(pair: Pair, side: str) -> tuple[str, str]:
     for entry in pair.exchanges:
         name = entry.left if side == "left" else entry.right
         counts[name] = counts.get(name, 0) + 1
-    plugin = next(iter(counts)).split(", ")[0]
+    plugins = sorted({name.split(", ")[0] for name in counts})
     number = len(pair.exchanges)
-    heading = f"{side}: {plugin}" + (f", {number} materials" if number > 1 else "")
-    kinds = [(name.split(", ", 1)[1], count) for name, count in sorted(counts.items(), key=lambda item: -item[1])]
+    heading = f"{side}: {' and '.join(plugins)}" + (f", {number} materials" if number > 1 else "")
+    ordered = sorted(counts.items(), key=lambda item: -item[1])
+    # the heading says which plugin, unless there are two
+    kinds = [(name.split(", ", 1)[1] if len(plugins) == 1 else name, count) for name, count in ordered]
     if len(kinds) == 1:
         return heading, kinds[0][0]
     shapes = [f"{count} × {shape}" for shape, count in kinds[:3]]

@@ -13,7 +13,12 @@ from typing import Any
 from .errors import one_line
 from .variants import Probe, known_variants, probe
 
-PLUGIN = "sgtdconductor"
+PLUGINS = ("sgtdconductor", "sgtddielectric")
+
+# What is evaluated; a metal's name makes a spectrum, which a plugin of another layout gets wrong.
+_MATERIALS = ({"type": "sgtdconductor", "material": "Au", "alpha": 0.2}, {"type": "sgtddielectric", "alpha": 0.2})
+
+_NAMES = " and ".join(PLUGINS)
 
 # The versions of LLVM that Dr.Jit accepts and that still end the process on processors with AVX-512.
 _LLVM_ABORTS_ON_AVX512 = range(15, 17)
@@ -37,7 +42,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All findings. ``usable`` is the verdict: at least scalar_rgb renders with the plugin."""
+    """All findings. ``usable`` is the verdict: at least scalar_rgb renders with the plugins."""
 
     findings: tuple[Finding, ...]
 
@@ -49,17 +54,17 @@ class Diagnosis:
         """One sentence, the last line of the report."""
         works = [f.subject for f in self.findings if f.state == "ok" and f.subject.startswith(_BACKENDS)]
         if not self.usable:
-            return f"Not usable: {PLUGIN} does not work in scalar_rgb. See the mends above."
+            return f"Not usable: {_NAMES} do not both work in scalar_rgb. See the mends above."
         fast = [variant for variant in works if not variant.startswith("scalar_")]
         if not fast:
-            return f"Usable, but slow: {PLUGIN} works in the scalar variants only."
-        return f"Usable: {PLUGIN} works in {len(works)} variants."
+            return f"Usable, but slow: {_NAMES} work in the scalar variants only."
+        return f"Usable: {_NAMES} work in {len(works)} variants."
 
 
 def diagnose(tried: Callable[[str], None] = print) -> Iterator[Finding]:
     """Checks everything, from what the rest depends on to the single variants; ``tried`` hears what comes next."""
     tried("Mitsuba")
-    for check in (_mitsuba, _plugin_file):
+    for check in (_mitsuba, _plugin_files):
         finding = check()
         yield finding
         if finding.state != "ok":
@@ -70,7 +75,7 @@ def diagnose(tried: Callable[[str], None] = print) -> Iterator[Finding]:
         for variant in variants:
             if variant.startswith(backend):
                 tried(variant)
-                probes.append(probe(variant, PLUGIN))
+                probes.append(probe(variant, _MATERIALS))
         if describe is not None:
             yield describe(probes)
         absent = describe is not None and not any(p.backend for p in probes)
@@ -98,26 +103,28 @@ def built_with() -> str:
     return sgtd.MITSUBA_RELEASE
 
 
-def plugin_file() -> Path | None:
-    """The plugin in Mitsuba's search path, as Mitsuba itself would find it."""
+def plugin_file(plugin: str) -> Path | None:
+    """A plugin in Mitsuba's search path, as Mitsuba itself would find it."""
     import mitsuba as mi
 
-    import sgtd  # noqa: F401  (puts the plugin on the search path)
+    import sgtd  # noqa: F401  (puts the plugins on the search path)
 
     endings = {"Windows": ".dll", "Darwin": ".dylib"}
-    name = f"plugins/{PLUGIN}{endings.get(platform.system(), '.so')}"
+    name = f"plugins/{plugin}{endings.get(platform.system(), '.so')}"
     found = Path(str(mi.file_resolver().resolve(name)))
     return found if found.is_file() else None
 
 
-def _plugin_file() -> Finding:
+def _plugin_files() -> Finding:
     try:
-        found = plugin_file()
+        found = {plugin: plugin_file(plugin) for plugin in PLUGINS}
     except (ImportError, OSError, RuntimeError) as error:
-        return Finding("plugin", "bad", one_line(error), _INSTALL_PLUGIN)
-    if found is None:
-        return Finding("plugin", "bad", f"{PLUGIN} is not in Mitsuba's search path", _INSTALL_PLUGIN)
-    return Finding("plugin", "ok", str(found))
+        return Finding("plugins", "bad", one_line(error), _INSTALL_PLUGIN)
+    missing = [plugin for plugin, file in found.items() if file is None]
+    if missing:
+        text = f"not in Mitsuba's search path: {', '.join(missing)}"
+        return Finding("plugins", "bad", text, _INSTALL_PLUGIN)
+    return Finding("plugins", "ok", ", ".join(str(file) for file in found.values()))
 
 
 def _llvm(probes: list[Probe]) -> Finding:
@@ -152,7 +159,7 @@ def _cuda(probes: list[Probe]) -> Finding:
 
 def _variant(result: Probe, backend_absent: bool) -> Finding:
     if result.usable:
-        return Finding(result.variant, "ok", f"{PLUGIN} evaluates ({result.seconds:.1f} s)")
+        return Finding(result.variant, "ok", f"the plugins evaluate ({result.seconds:.1f} s)")
     if backend_absent:
         return Finding(result.variant, "off", "see above")
     return Finding(result.variant, "bad", result.reason, _INSTALL_PLUGIN)

@@ -1,14 +1,15 @@
-"""The exchange of rough conductors: one scene, made into a pair that differs in its metals alone.
+"""The exchange of rough materials: one scene, made into a pair that differs in their microfacets alone.
 
-On the left every metal is a ``roughconductor``, on the right every metal is an ``sgtdconductor`` with the same
-metal, roughness, textures and reflectance. What a scene file has of either kind is kept as it is on its own side:
+On the left every rough metal is a ``roughconductor`` and every rough glass a ``roughdielectric``; on the right they
+are an ``sgtdconductor`` and an ``sgtddielectric`` of the same metal or indices, roughness, textures and reflectance.
+What a scene file has of either kind is kept as it is on its own side:
 
-====================  ==============================  ==========================================
-the file has          left                            right
-====================  ==============================  ==========================================
-``roughconductor``    as in the file                  the same distribution, moved by ``--set``
-``sgtdconductor``     the nearest of GGX, Beckmann    as in the file, moved by ``--set``
-====================  ==============================  ==========================================
+=======================================  ==============================  ========================================
+the file has                             left                            right
+=======================================  ==============================  ========================================
+``roughconductor``, ``roughdielectric``  as in the file                  the same distribution, moved by ``--set``
+``sgtdconductor``, ``sgtddielectric``    the nearest of GGX, Beckmann    as in the file, moved by ``--set``
+=======================================  ==============================  ========================================
 
 A material is one node of the scene graph, so one that is shared by ``<ref>``, nested in another BSDF or comes from
 an included file is exchanged like any other.
@@ -25,10 +26,11 @@ from typing import Any, Union
 from .errors import UserError
 from .scene_graph import SceneGraph
 
-LEFT = "roughconductor"
-RIGHT = "sgtdconductor"
+# Mitsuba's plugins, and what each is exchanged for.
+PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}
+_ORIGINALS = {right: left for left, right in PARTNERS.items()}
 
-# The properties in which the two plugins differ; all others (metal, roughness, reflectance) stay as they are.
+# The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
 _NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
 _WORDS = ("distribution", "masking")
 SETTINGS = _WORDS + _NUMBERS
@@ -36,7 +38,7 @@ SETTINGS = _WORDS + _NUMBERS
 # Those that leave a fixed row of the family: a scene's own GGX or Beckmann cannot have them.
 _TAIL_AND_BODY = ("gamma", "p", "lambda")
 
-# gamma of the two distributions that roughconductor has, as members of the family.
+# gamma of the two distributions that Mitsuba has, as members of the family.
 _GAMMA = {"beckmann": math.inf, "ggx": 2.0}
 
 # Rows without a power tail.
@@ -101,27 +103,29 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
     left, right = graph.copy(), graph.copy()
     # Collected before anything changes: a node turned into the other plugin must not be met a second time.
     pairs = [
-        *zip(list(left.materials(LEFT)), list(right.materials(LEFT))),
-        *zip(list(left.materials(RIGHT)), list(right.materials(RIGHT))),
+        nodes
+        for plugin in (*PARTNERS, *_ORIGINALS)
+        for nodes in zip(list(left.materials(plugin)), list(right.materials(plugin)))
     ]
     pairs.sort(key=lambda pair: (pair[0].file_index, pair[0].offset))
     exchanges = []
     for left_node, right_node in pairs:
-        if left_node.props.plugin_name() == LEFT:
+        if left_node.props.plugin_name() in PARTNERS:
             _to_sgtd(right_node.props, settings)
         else:
             _to_rough(left_node.props)
             _apply(right_node.props, settings)
         exchanges.append(Exchange(graph.place(left_node), describe(left_node.props), describe(right_node.props)))
     if not exchanges:
-        raise UserError(f"{graph.path} has no {LEFT} and no {RIGHT}: there is nothing to exchange")
+        names = ", ".join((*PARTNERS, *_ORIGINALS))
+        raise UserError(f"{graph.path} has none of {names}: there is nothing to exchange")
     return Pair(left, right, tuple(exchanges))
 
 
 def describe(props: Any) -> str:
     """A material's plugin and shape in a few words: "sgtdconductor, student, gamma = 1.6"."""
     plugin = props.plugin_name()
-    default = "beckmann" if plugin == LEFT else "sgtd"
+    default = "beckmann" if plugin in PARTNERS else "sgtd"
     parts = [plugin, str(props["distribution"]) if "distribution" in props else default]
     parts += [f"{name} = {_text(props[name])}" for name in _NUMBERS if name in props]
     if "masking" in props:
@@ -130,20 +134,20 @@ def describe(props: Any) -> str:
 
 
 def nearest_distribution(distribution: str, gamma: float) -> str:
-    """The distribution of roughconductor that comes nearest to a member of the family, judged by its tail."""
+    """The distribution of Mitsuba that comes nearest to a member of the family, judged by its tail."""
     if distribution in _EXPONENTIAL_ROWS or gamma > _HALFWAY_GAMMA:
         return "beckmann"
     return "ggx"
 
 
 def _to_sgtd(props: Any, settings: Settings) -> None:
-    """Turns a roughconductor into the sgtdconductor that equals it, then applies the settings.
+    """Turns one of Mitsuba's plugins into the partner that equals it, then applies the settings.
 
     A setting of gamma, p or lambda without a distribution moves away from the scene's own distribution, in the
     row that has all parameters free: p = 0.8 on a Beckmann scene keeps gamma = inf.
     """
     own = str(props["distribution"]).lower() if "distribution" in props else "beckmann"
-    props.set_plugin_name(RIGHT)
+    props.set_plugin_name(PARTNERS[props.plugin_name()])
     moves = any(name in settings for name in _TAIL_AND_BODY) and "distribution" not in settings
     if moves and own in _GAMMA:
         props["distribution"] = "sgtd"
@@ -154,12 +158,12 @@ def _to_sgtd(props: Any, settings: Settings) -> None:
 
 
 def _to_rough(props: Any) -> None:
-    """Turns an sgtdconductor into the nearest roughconductor."""
+    """Turns one of our plugins into the nearest of its partner."""
     row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
     gamma = props["gamma"] if "gamma" in props else _GAMMA["ggx"]
     if not isinstance(gamma, (int, float)):
         gamma = _GAMMA["ggx"]  # the right side will say what is wrong with it
-    props.set_plugin_name(LEFT)
+    props.set_plugin_name(_ORIGINALS[props.plugin_name()])
     for name in (*_NUMBERS, "masking"):
         if name in props:
             del props[name]

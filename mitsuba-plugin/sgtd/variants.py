@@ -12,7 +12,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from .errors import UserError, one_line
 
@@ -26,7 +28,7 @@ PROBE_TIMEOUT = 120.0
 # Runs in the probing process. `dr.minimum` is what LLVM 14 to 16 cannot translate for processors with AVX-512.
 _PROBE = """
 import json, sys
-variant, plugin = sys.argv[1], sys.argv[2]
+variant, materials = sys.argv[1], json.loads(sys.argv[2])
 answer = {}
 try:
     import mitsuba as mi
@@ -39,15 +41,15 @@ try:
     if not variant.startswith("scalar_"):
         dr.eval(dr.minimum(dr.arange(mi.Float, 16) + dr.opaque(mi.Float, 1), 3.5))
         dr.sync_thread()
-    if plugin:
+    for material in materials:
         import sgtd
-        bsdf = mi.load_dict({"type": plugin, "material": "Au", "alpha": 0.2})
+        bsdf = mi.load_dict(material)
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wi = mi.Vector3f(0, 0.6, 0.8)
         value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(0, -0.6, 0.8))
         pdf = pdf if isinstance(pdf, float) else pdf[0]
         if not 0 < pdf < 1e6:
-            raise RuntimeError(plugin + " evaluates to a density of " + str(pdf))
+            raise RuntimeError(material["type"] + " evaluates to a density of " + str(pdf))
     answer["usable"] = True
 except BaseException as error:
     answer["usable"] = False
@@ -74,10 +76,10 @@ def known_variants() -> list[str]:
     return list(mi.variants())
 
 
-def probe(variant: str, plugin: str = "") -> Probe:
-    """Starts a variant in a process of its own; with ``plugin``, makes and evaluates that BSDF too."""
+def probe(variant: str, materials: Sequence[Mapping[str, Any]] = ()) -> Probe:
+    """Starts a variant in a process of its own; makes and evaluates these BSDFs there too."""
     start = time.perf_counter()
-    command = [sys.executable, "-c", _PROBE, variant, plugin]
+    command = [sys.executable, "-c", _PROBE, variant, json.dumps(materials)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_TIMEOUT, check=False)
     except subprocess.TimeoutExpired:

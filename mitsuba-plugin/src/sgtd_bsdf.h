@@ -10,6 +10,7 @@
 #include <mitsuba/core/string.h>
 #include <mitsuba/render/bsdf.h>
 #include <mitsuba/render/microfacet.h>
+#include <mitsuba/render/mueller.h>
 #include <mitsuba/render/texture.h>
 
 #include "sgtd_distribution.h"
@@ -117,6 +118,26 @@ protected:
         // 1/(1 + Lambda_i + Lambda_o) with Lambda = 1/G1 - 1
         Float g_i = distr.smith_g1(wi, m), g_o = distr.smith_g1(wo, m);
         return dr::select(g_i > 0.f && g_o > 0.f, g_i * g_o / (g_i + g_o - g_i * g_o), 0.f);
+    }
+
+    /// From the Mueller matrix of the facet `m`, whose axes are those of the plane of incidence, to
+    /// that of the bases which Mitsuba gives to the two directions.
+    static Spectrum to_stokes_bases(const BSDFContext &ctx, const Spectrum &M, const Vector3f &wi,
+                                    const Vector3f &wo, const Vector3f &m) {
+        // Light travels along -to_light and leaves along to_eye; an adjoint query swaps the two
+        bool radiance     = ctx.mode == TransportMode::Radiance;
+        Vector3f to_light = radiance ? wo : wi, to_eye = radiance ? wi : wo;
+
+        // Axes perpendicular to the plane of incidence. Any will do where there is no such plane.
+        Vector3f axis_in = dr::cross(m, -to_light), axis_out = dr::cross(m, to_eye);
+        // (the square of a smaller length underflows in normalize())
+        Mask collinear = dr::squared_norm(axis_in) < 1e-30f;
+        axis_in        = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_in));
+        axis_out       = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_out));
+
+        return mueller::rotate_mueller_basis(M, -to_light, axis_in,
+                                             mueller::stokes_basis(-to_light), to_eye, axis_out,
+                                             mueller::stokes_basis(to_eye));
     }
 
     /// Writes the lines of to_string() that all BSDFs have.

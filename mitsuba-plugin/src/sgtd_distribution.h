@@ -43,7 +43,8 @@ public:
 
     /**
      * D(m) per solid angle for the half vector m of `wi` and `wo`; 0 where D(m) cos(theta_m) <=
-     * 1e-20, as in MicrofacetDistribution.
+     * 1e-20, as in MicrofacetDistribution. A refraction gives wi and eta wo, or both negated if
+     * their sum points down.
      *
      * The half vector is not given but formed here: rounded to single precision, its slope moves
      * thin rings and steep edges by more than D can bear.

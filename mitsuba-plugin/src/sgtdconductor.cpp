@@ -130,7 +130,7 @@ template <typename Float, typename Spectrum> class SgtdConductor final
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_sample_visible,
                    m_height_correlated, m_builtin, m_ndf, m_tables, builtin_g2, check_constant,
-                   describe, roughness)
+                   describe, roughness, to_stokes_bases)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
@@ -340,23 +340,11 @@ private:
             return UnpolarizedSpectrum(m_builtin ? c : dr::maximum(c, 1e-10f));
         };
         if constexpr (is_polarized_v<Spectrum>) {
-            // Light travels along -to_light and leaves along to_eye; an adjoint query swaps the two
-            bool radiance     = ctx.mode == TransportMode::Radiance;
-            Vector3f to_light = radiance ? wo : si.wi, to_eye = radiance ? si.wi : wo;
-
-            Spectrum M = mueller::specular_reflection(cosine(to_light), eta);
-
-            // M refers to axes perpendicular to the plane of incidence. Any axis will do where
-            // there is no such plane.
-            Vector3f axis_in = dr::cross(m, -to_light), axis_out = dr::cross(m, to_eye);
-            // (the square of a smaller length underflows in normalize())
-            Mask collinear = dr::squared_norm(axis_in) < 1e-30f;
-            axis_in        = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_in));
-            axis_out       = dr::select(collinear, Vector3f(1, 0, 0), dr::normalize(axis_out));
-
-            return mueller::rotate_mueller_basis(M, -to_light, axis_in,
-                                                 mueller::stokes_basis(-to_light), to_eye, axis_out,
-                                                 mueller::stokes_basis(to_eye));
+            // Light comes from wo, and an adjoint query swaps the two directions
+            bool radiance = ctx.mode == TransportMode::Radiance;
+            return to_stokes_bases(ctx,
+                                   mueller::specular_reflection(cosine(radiance ? wo : si.wi), eta),
+                                   si.wi, wo, m);
         } else {
             return fresnel_conductor(cosine(si.wi), eta);
         }

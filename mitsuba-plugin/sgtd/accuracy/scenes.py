@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .. import PLUGIN_DIR
 from ..errors import UserError, mitsuba_errors
-from ..exchange import RIGHT, exchange
+from ..exchange import PARTNERS, exchange
 from ..scene_graph import SceneGraph, read_scene
 from .shapes import Shape, make_shape
 
@@ -40,10 +41,10 @@ class SceneFile:
         return self.path.stem
 
     def build(self, shape: Shape | None, setting: float, visible: bool = True) -> Any:
-        """The scene with all metals of this shape (None: as in the file) at this setting."""
+        """The scene with all rough materials of this shape (None: as in the file) at this setting."""
         settings = dict(shape.settings) if shape else {}
         pair = exchange(self.graph, settings)
-        for node in pair.right.materials(RIGHT):
+        for node in _materials(pair.right):
             node.props["accuracy"] = setting
             if not visible:
                 node.props["sample_visible"] = False
@@ -87,15 +88,21 @@ def _shrink(props: Any, pixels: int) -> tuple[int, int]:
     return size
 
 
+def _materials(graph: SceneGraph) -> Iterator[Any]:
+    """Each node that is one of our plugins."""
+    for plugin in PARTNERS.values():
+        yield from graph.materials(plugin)
+
+
 def has_own_shapes(scene: SceneFile) -> bool:
-    """Whether the scene has an sgtdconductor already."""
-    return any(True for _ in scene.graph.materials(RIGHT))
+    """Whether the scene has one of our plugins already."""
+    return any(True for _ in _materials(scene.graph))
 
 
 def own_shapes(scene: SceneFile) -> list[Shape]:
-    """The shapes that a scene's own sgtdconductors have, as far as their parameters are numbers."""
+    """The shapes that a scene's own sgtdconductors and sgtddielectrics have, as far as their parameters are numbers."""
     found: dict[str, Shape] = {}
-    for node in scene.graph.materials(RIGHT):
+    for node in _materials(scene.graph):
         with mitsuba_errors(scene.graph.place(node)):
             shape = _shape_of(node.props)
         if shape:

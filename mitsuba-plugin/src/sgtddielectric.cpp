@@ -1,0 +1,430 @@
+#include <mitsuba/core/string.h>
+#include <mitsuba/render/fresnel.h>
+#include <mitsuba/render/ior.h>
+#include <mitsuba/render/texture.h>
+
+#include <cmath>
+#include <sstream>
+#include <type_traits>
+
+#include "mitsuba_version.h"
+#include "sgtd_bsdf.h"
+#include "smith_transmission.h"
+
+NAMESPACE_BEGIN(mitsuba)
+
+// clang-format off
+/**!
+.. _bsdf-sgtddielectric:
+
+Rough dielectric with an SGTD distribution (:monosp:`sgtddielectric`)
+---------------------------------------------------------------------
+
+.. pluginparameters::
+
+ * - int_ior
+   - |float| or |string|
+   - Index of refraction below the surface, or the name of a material of Mitsuba's list. Numbers
+     must be finite and above 0. (Default: ``bk7``, 1.5046)
+
+ * - ext_ior
+   - |float| or |string|
+   - The same above the surface, where its normal points. (Default: ``air``, 1.000277)
+
+ * - eta
+   - |float|
+   - Quotient of the two; must be finite and above 0. Cannot be given, but changed.
+   - |exposed|, |differentiable|, |discontinuous|
+
+ * - specular_reflectance, specular_transmittance
+   - |spectrum| or |texture|
+   - Factors on the reflected and on the transmitted light. Numbers must be finite and at least 0;
+     physical values are 1. (Default: 1)
+   - |exposed|, |differentiable|
+
+ * - alpha, alpha_u, alpha_v, distribution, gamma, p, lambda, shift, mu, masking, sample_visible, accuracy
+   - as in :ref:`sgtdconductor <bsdf-sgtdconductor>`
+   - Roughness, shape and sampling. Textures of roughness, exposure and defaults are the same too.
+
+This is a drop-in for ``roughdielectric`` (Walter et al. 2007, *Microfacet Models for Refraction
+through Rough Surfaces*) whose microfacet normals follow the skewed generalized t-distribution; see
+:ref:`sgtdconductor <bsdf-sgtdconductor>` for its formula. With the half vector h = wi + wo of a
+reflection and h = wi + eta wo of a refraction, m = h / abs(h) and all cosines taken absolute,
+
+    reflection      F D(m) G / (4 cos_i)
+    transmission    (1 - F) D(m) G eta^2 (wi.m) (wo.m) / (cos_i abs(h)^2)
+
+are the values times cos_o. Radiance that crosses the surface is scaled by 1/eta^2 on top, the
+quantity that is traced from light sources is not. Light that meets a second facet is lost, as in
+``roughdielectric``: reflection and transmission together stay below 1.
+
+Upright facets refract into the rim of a cone. For tails of 2 p gamma < 4 the value and the density
+are infinite on that rim, though not their integrals: light samples that come near it are noisy,
+material samples are not.
+
+``masking`` = ``height_correlated`` is 1/(1 + Lambda_i + Lambda_o) in reflection and Euler's beta
+function B(1 + Lambda_i, 1 + Lambda_o) in transmission, whose directions lie on either side.
+
+``beckmann`` and ``ggx`` without a shift run on Mitsuba's own MicrofacetDistribution and give the
+values of ``roughdielectric``, with two differences. Polarized variants have the Mueller matrices
+of Fresnel's equations, where ``roughdielectric`` depolarizes. With ``sample_visible`` = |false|
+the weight of a sample is the value by the density, where ``roughdielectric`` draws from a widened
+lobe and leaves that out of the weight.
+
+Equal indices are allowed: light then passes straight on, reported as ``DeltaTransmission``. So it
+does where eta differs from 1 by less than 1e-5, since two directions in single precision no longer
+say there which facet refracts one into the other.
+
+ */
+// clang-format on
+template <typename Float, typename Spectrum> class SgtdDielectric final
+    : public SgtdBSDF<Float, Spectrum> {
+public:
+    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_sample_visible,
+                   m_height_correlated, m_builtin, m_ndf, m_tables, builtin_g2, check_constant,
+                   describe, roughness, to_stokes_bases)
+    MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
+    using Distribution = SgtdDistribution<Float, Spectrum>;
+
+    SgtdDielectric(const Properties &props) : Base(props) {
+        for (const char *name : { "specular_reflectance", "specular_transmittance" })
+            check_constant(props, name);
+        if (props.has_property("specular_reflectance"))
+            m_specular_reflectance = props.get_texture<Texture>("specular_reflectance");
+        if (props.has_property("specular_transmittance"))
+            m_specular_transmittance = props.get_texture<Texture>("specular_transmittance");
+
+        double int_ior = ior(props, "int_ior", "bk7"), ext_ior = ior(props, "ext_ior", "air");
+        m_eta = (ScalarFloat)(int_ior / ext_ior);
+        update_eta();
+
+        uint32_t extra = BSDFFlags::FrontSide | BSDFFlags::BackSide;
+        if (m_alpha_u != m_alpha_v)
+            extra = extra | BSDFFlags::Anisotropic;
+        m_components.push_back(extra | BSDFFlags::GlossyReflection);
+        m_components.push_back(extra | BSDFFlags::GlossyTransmission | BSDFFlags::NonSymmetric);
+        m_flags = m_components[0] | m_components[1];
+    }
+
+    void traverse(TraversalCallback *cb) override {
+        Base::traverse(cb);
+        cb->put("eta", m_eta, ParamFlags::Differentiable | ParamFlags::Discontinuous);
+        if (m_specular_reflectance)
+            cb->put("specular_reflectance", m_specular_reflectance, ParamFlags::Differentiable);
+        if (m_specular_transmittance)
+            cb->put("specular_transmittance", m_specular_transmittance, ParamFlags::Differentiable);
+    }
+
+    void parameters_changed(const std::vector<std::string> &keys = {}) override {
+        Base::parameters_changed(keys);
+        if (keys.empty() || string::contains(keys, "eta"))
+            update_eta();
+    }
+
+    std::pair<BSDFSample3f, Spectrum> sample(const BSDFContext &ctx, const SurfaceInteraction3f &si,
+                                             Float sample1, const Point2f &sample2,
+                                             Mask active) const override {
+        MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
+
+        BSDFSample3f bs = dr::zeros<BSDFSample3f>();
+        bool reflects   = ctx.is_enabled(BSDFFlags::GlossyReflection, 0),
+             transmits  = ctx.is_enabled(BSDFFlags::GlossyTransmission, 1);
+        // A view from below is turned about the origin: D and G are even
+        Float side = Frame3f::cos_theta(si.wi), cos_i = dr::abs(side);
+        active &= cos_i > 0.f;
+        if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
+            return { bs, 0.f };
+        Vector3f wi = dr::mulsign(si.wi, side);
+
+        auto finish = [&](const auto &distr, const Normal3f &m, const Float &pdf_m,
+                          const Float &d_over_pdf) -> std::pair<BSDFSample3f, Spectrum> {
+            Float dot_i = dr::dot(wi, m);
+            active &= pdf_m > 0.f && dot_i > 0.f;
+
+            auto [F, cos_t, eta, inv_eta] = fresnel(dr::mulsign(dot_i, side), m_eta);
+            cos_t                         = dr::abs(cos_t);
+            Float T                       = 1.f - F;
+            Mask reflected                = reflects;
+            if (reflects && transmits)
+                reflected = sample1 < dr::detach(F);
+
+            Float share = dr::select(reflected, F, T), probability = 1.f;
+            active &= share > 0.f;
+            if (reflects && transmits)
+                probability = dr::detach(dr::maximum(share, 1e-30f));
+
+            Mask straight = !reflected && index_matched(eta);
+            // At great indices, refract() cancels, and its result is no longer as long as 1
+            Vector3f wo              = dr::select(reflected, reflect(wi, m),
+                                                  dr::normalize(refract(wi, m, -cos_t, inv_eta)));
+            dr::masked(wo, straight) = -wi;
+            // A cosine below 1e-7 is the rounding of the direction, its sign included
+            active &= dr::mulsign_neg(Frame3f::cos_theta(wo),
+                                      dr::select(reflected, Float(-1.f), Float(1.f))) > 1e-7f;
+
+            // wi.m - eta cos_t, by Snell's law without the cancellation at eta = 1
+            Float sum            = dr::fmadd(eta, cos_t, dot_i),
+                  less           = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
+                  jacobian       = dr::select(reflected, dr::rcp(4.f * dr::dot(wo, m)),
+                                              dr::square(eta / less) * cos_t);
+            bs.pdf               = probability * dr::select(straight, 1.f, pdf_m * jacobian);
+            bs.wo                = dr::mulsign(wo, side);
+            bs.eta               = dr::select(reflected, 1.f, eta);
+            bs.sampled_component = dr::select(reflected, UInt32(0), UInt32(1));
+            bs.sampled_type      = dr::select(reflected, UInt32(+BSDFFlags::GlossyReflection),
+                                              dr::select(straight, UInt32(+BSDFFlags::DeltaTransmission),
+                                                         UInt32(+BSDFFlags::GlossyTransmission)));
+
+            Float weight = d_over_pdf * masking(distr, wi, wo, m, reflected) * dot_i / cos_i *
+                           (share / probability);
+            if (ctx.mode == TransportMode::Radiance)
+                weight *= dr::select(reflected, 1.f, dr::square(inv_eta));
+            active &= dr::isfinite(weight) && dr::isfinite(bs.pdf) && bs.pdf > 0.f;
+            return { bs, colored(ctx, si, bs.wo, m, weight, reflected, active) };
+        };
+
+        auto [alpha_u, alpha_v] = roughness(si, active);
+        if (m_builtin) {
+            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
+            auto [m, pdf] = widened(distr, cos_i).sample(wi, sample2);
+            // Exactly D / pdf where normals are visible ones, also where both underflow
+            Float d_over_pdf =
+                m_sample_visible
+                    ? Float(cos_i / dr::maximum(distr.smith_g1(wi, m) * dr::dot(wi, m), 1e-30f))
+                    : Float(distr.eval(m) / dr::maximum(pdf, 1e-30f));
+            return finish(distr, m, pdf, d_over_pdf);
+        } else {
+            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
+            auto drawn = distr.sample(wi, sample2);
+            return finish(distr, drawn.m, drawn.pdf, drawn.d_over_pdf);
+        }
+    }
+
+    Spectrum eval(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
+                  Mask active) const override {
+        MI_MASKED_FUNCTION(ProfilerPhase::BSDFEvaluate, active);
+        return evaluate<true, false>(ctx, si, wo, active).first;
+    }
+
+    Float pdf(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
+              Mask active) const override {
+        MI_MASKED_FUNCTION(ProfilerPhase::BSDFEvaluate, active);
+        return evaluate<false, true>(ctx, si, wo, active).second;
+    }
+
+    std::pair<Spectrum, Float> eval_pdf(const BSDFContext &ctx, const SurfaceInteraction3f &si,
+                                        const Vector3f &wo, Mask active) const override {
+        MI_MASKED_FUNCTION(ProfilerPhase::BSDFEvaluate, active);
+        return evaluate<true, true>(ctx, si, wo, active);
+    }
+
+    std::string to_string() const override {
+        std::ostringstream oss;
+        oss << "SgtdDielectric[" << std::endl;
+        describe(oss);
+        if (m_specular_reflectance)
+            oss << "  specular_reflectance = " << string::indent(m_specular_reflectance) << ","
+                << std::endl;
+        if (m_specular_transmittance)
+            oss << "  specular_transmittance = " << string::indent(m_specular_transmittance) << ","
+                << std::endl;
+        oss << "  eta = " << m_eta << std::endl << "]";
+        return oss.str();
+    }
+
+    MI_DECLARE_CLASS(SgtdDielectric)
+
+private:
+    // ------------------------------------------------------------------
+    //  Index of refraction
+    // ------------------------------------------------------------------
+
+    /// An index of refraction, given as a number or as the name of a material.
+    static double ior(const Properties &props, const char *name, const char *default_material) {
+        Properties::Type type =
+            props.has_property(name) ? props.type(name) : Properties::Type::String;
+        if (type == Properties::Type::String) {
+            try {
+                return lookup_ior(props, name, std::string(default_material));
+            } catch (const std::exception &error) {
+                Throw("parameter \"%s\" is \"%s\": choose a number, or one of Mitsuba's materials, "
+                      "such as bk7 (%s)",
+                      name, props.get<std::string_view>(name), error.what());
+            }
+        }
+        double value = props.get<double>(name);
+        if (!std::isfinite(value) || value <= 0.0)
+            Throw("parameter \"%s\" is %s, but must be a finite number above 0", name, value);
+        return value;
+    }
+
+    /// Derives what follows from eta; a bad one is refused, and the last one stays.
+    void update_eta() {
+        bool readable = true;
+        // While a frozen function is recorded there are no values
+        if constexpr (dr::is_jit_v<Float>)
+            readable = !jit_flag(JitFlag::FreezingScope);
+        if (readable) {
+            double value = (double)dr::slice(dr::detach(m_eta));
+            if (!std::isfinite(value) || value <= 0.0) {
+                m_eta = m_last_eta;
+                Throw("parameter \"eta\" is %s, but must be a finite number above 0", value);
+            }
+            m_last_eta = (ScalarFloat)value;
+        }
+        m_inv_eta = dr::rcp(m_eta);
+        dr::make_opaque(m_eta, m_inv_eta);
+    }
+
+    /// Is eta so near 1 that light passes straight on? There a direction's rounding, 1e-7, is one
+    /// percent of the half vector wi + eta wo.
+    static Mask index_matched(const Float &eta) { return dr::abs(eta - 1.f) < 1e-5f; }
+
+    // ------------------------------------------------------------------
+    //  Evaluation
+    // ------------------------------------------------------------------
+
+    /// What Mitsuba's own distribution is sampled from: where all normals are drawn, rough ones
+    /// more often (Walter et al. 2007, section 5.3).
+    MicrofacetDistribution widened(MicrofacetDistribution distr, const Float &cos_i) const {
+        if (!m_sample_visible)
+            distr.scale_alpha(1.2f - .2f * dr::sqrt(cos_i));
+        return distr;
+    }
+
+    /// Masking and shadowing; `wo` is on the side of `wi` if `reflected`.
+    template <typename Distr> Float masking(const Distr &distr, const Vector3f &wi,
+                                            const Vector3f &wo, const Vector3f &m,
+                                            const Mask &reflected) const {
+        // A facet is seen from wo as its reverse is from -wo
+        Vector3f up = dr::mulsign(wo, Frame3f::cos_theta(wo));
+        Mask faces  = dr::dot(wo, m) * Frame3f::cos_theta(wo) > 0.f;
+        Float G;
+        if constexpr (std::is_same_v<Distr, Distribution>)
+            G = distr.G(wi, up, m, m_height_correlated);
+        else
+            G = builtin_g2(distr, wi, up, m);
+        if (m_height_correlated)
+            G = dr::select(reflected, G,
+                           correlated_transmission(distr.smith_g1(wi, m), distr.smith_g1(up, m)));
+        return dr::select(faces, G, 0.f);
+    }
+
+    /// The value of the BSDF times the cosine, and the density of `wo` under sample().
+    template <bool Value, bool Pdf>
+    std::pair<Spectrum, Float> evaluate(const BSDFContext &ctx, const SurfaceInteraction3f &si,
+                                        const Vector3f &wo_, Mask active) const {
+        bool reflects  = ctx.is_enabled(BSDFFlags::GlossyReflection, 0),
+             transmits = ctx.is_enabled(BSDFFlags::GlossyTransmission, 1);
+        Float side     = Frame3f::cos_theta(si.wi);
+        Vector3f wi = dr::mulsign(si.wi, side), wo = dr::mulsign(wo_, side);
+        Float cos_i = Frame3f::cos_theta(wi), cos_o = Frame3f::cos_theta(wo);
+        Mask reflected = cos_o > 0.f;
+        Float eta      = dr::select(side > 0.f, m_eta, m_inv_eta),
+              inv_eta  = dr::select(side > 0.f, m_inv_eta, m_eta);
+
+        // The half vector, turned up, as the sum of a and b
+        Vector3f b = dr::select(reflected, wo, wo * eta), a = wi;
+        Float h_z   = a.z() + b.z();
+        a           = dr::mulsign(a, h_z);
+        b           = dr::mulsign(b, h_z);
+        Vector3f h  = a + b;
+        Float h2    = dr::maximum(dr::squared_norm(h), 1e-30f);
+        Vector3f m  = h * dr::rsqrt(h2);
+        Float dot_i = dr::dot(wi, m), dot_o = dr::dot(wo, m);
+
+        // Both directions see the same side of the facet. Products of denormal cosines are 0, and
+        // their quotients not a number.
+        active &= dr::minimum(cos_i, dr::abs(cos_o)) > 1e-30f && dot_i > 0.f &&
+                  dot_o * cos_o > 0.f &&
+                  dr::select(reflected, Mask(reflects), Mask(transmits) && !index_matched(eta));
+        if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
+            return { 0.f, 0.f };
+
+        Float D = 0.f, G = 0.f, pdf_m = 0.f;
+        auto [alpha_u, alpha_v] = roughness(si, active);
+        if (m_builtin) {
+            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
+            if constexpr (Value) {
+                D = distr.eval(m);
+                G = masking(distr, wi, wo, m, reflected);
+            }
+            if constexpr (Pdf)
+                pdf_m = widened(distr, cos_i).pdf(wi, m);
+        } else {
+            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
+            if constexpr (Value) {
+                D = distr.eval(a, b);
+                G = masking(distr, wi, wo, m, reflected);
+            }
+            if constexpr (Pdf)
+                pdf_m = distr.pdf(wi, m);
+        }
+
+        Float F     = std::get<0>(fresnel(dr::mulsign(dot_i, side), m_eta)),
+              share = dr::select(reflected, F, 1.f - F);
+        // d(m) / d(wo); h is as long as wi.m + eta wo.m
+        Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_o, 1e-18f)),
+                                    dr::square(eta) * dr::abs(dot_o) / h2);
+
+        Spectrum value(0.f);
+        if constexpr (Value) {
+            Float result =
+                share * D * G * dr::select(reflected, Float(.25f), jacobian * dot_i) / cos_i;
+            if (ctx.mode == TransportMode::Radiance)
+                result *= dr::select(reflected, 1.f, dr::square(inv_eta));
+            // Within 1e-18 of grazing, D and 1/cos leave single precision
+            value = colored(ctx, si, wo_, m, result, reflected,
+                            active && D > 0.f && dr::isfinite(result));
+        }
+        Float pdf = 0.f;
+        if constexpr (Pdf) {
+            pdf = pdf_m * jacobian;
+            if (reflects && transmits)
+                pdf *= share;
+            pdf = dr::select(active && dr::isfinite(pdf), pdf, 0.f);
+        }
+        return { value, pdf };
+    }
+
+    /// Multiplies by the textures; a Mueller matrix with `value` as its first element if polarized.
+    Spectrum colored(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
+                     const Vector3f &m, const Float &value, const Mask &reflected,
+                     const Mask &active) const {
+        UnpolarizedSpectrum result(value);
+        Mask r = active && reflected, t = active && !reflected;
+        if (m_specular_reflectance)
+            result *= dr::select(reflected, m_specular_reflectance->eval(si, r), 1.f);
+        if (m_specular_transmittance)
+            result *= dr::select(reflected, 1.f, m_specular_transmittance->eval(si, t));
+        if constexpr (is_polarized_v<Spectrum>) {
+            UnpolarizedSpectrum cosine(dr::dot(si.wi, m)), eta(m_eta);
+            // Both matrices are the same for either direction of travel
+            Spectrum M = dr::select(reflected, mueller::specular_reflection(cosine, eta),
+                                    mueller::specular_transmission(cosine, eta));
+            // Fresnel's equations without polarization round otherwise
+            UnpolarizedSpectrum M00 = M(0, 0);
+            M *= result / dr::select(M00 > 0.f, M00, 1.f);
+            return to_stokes_bases(ctx, M, si.wi, wo, m) & (active && dr::all(M00 > 0.f));
+        } else {
+            return result & active;
+        }
+    }
+
+private:
+    ref<Texture> m_specular_reflectance, m_specular_transmittance;
+    /// Relative index of refraction below the surface, and above it
+    Float m_eta, m_inv_eta;
+    ScalarFloat m_last_eta = 1;
+
+    MI_TRAVERSE_CB(Base, m_specular_reflectance, m_specular_transmittance, m_eta, m_inv_eta)
+};
+
+/// Entry point; refuses to register anything in another release of Mitsuba, whose classes have
+/// another layout.
+extern "C" MI_EXPORT void init_plugin(std::string_view name, PluginRegisterFn fn) {
+    sgtd::check_mitsuba_version();
+    MI_REGISTER_PLUGIN(fn, name, SgtdDielectric);
+}
+
+NAMESPACE_END(mitsuba)
