@@ -36,6 +36,7 @@ python-test: $(VENV)/test-tools
 bench: $(VENV)/installed
 	cargo bench --locked --bench ratios
 	$(BIN)/python benches/render.py
+	$(BIN)/python benches/effects.py
 
 report: $(VENV)/installed
 	$(BIN)/sgtd accuracy -o out/accuracy

@@ -94,7 +94,7 @@ def table(folder):
 # --- help
 
 
-@pytest.mark.parametrize("command", [[], ["render"], ["compare"], ["doctor"]])
+@pytest.mark.parametrize("command", [[], ["render"], ["compare"], ["explain"], ["doctor"]])
 def test_help_has_examples(sgtd, command):
     status, out, err = sgtd(*command, "--help")
     assert (status, err) == (0, "")

@@ -22,6 +22,7 @@ def cli(context: click.Context) -> None:
     Examples:
       sgtd compare scenes/spheres.xml -o out/spheres --set distribution=student --set gamma=1.6
       sgtd render scenes/spheres.xml -o spheres.png -D bsdf=sgtdconductor -D distribution=std
+      sgtd explain scenes/spheres.xml -D bsdf=sgtdconductor
       sgtd doctor
     """
     if context.invoked_subcommand is None:
@@ -201,6 +202,47 @@ def accuracy_command(
         result = make(output, shapes, scenes, tuple(dict.fromkeys(names)), parameters, seed, quick, bars.add)
     print_tables(result, _console())
     click.echo(f"Report: {output / REPORT}")
+
+
+@cli.command("explain", short_help="Say what each material costs, why, and what would be cheaper.")
+@_SCENE
+@_VARIANT
+@_DEFINE
+@click.option("--json", "as_json", is_flag=True, help="Write JSON instead of tables.")
+@click.option(
+    "--repetitions",
+    type=click.IntRange(min=0),
+    default=9,
+    show_default=True,
+    help="Pairs of timings per kind of material; 0 measures no time.",
+)
+def explain_command(
+    scene: Path, variant: str | None, parameters: dict[str, str], as_json: bool, repetitions: int
+) -> None:
+    """Say what each material of a scene costs, why, and what would be cheaper.
+
+    For every material of this family: the node of the family's tree at which it runs, the effects that it has, its
+    tables, and its time against roughconductor, measured now. For the scene: how many code paths its materials have.
+
+    \b
+    Examples:
+      sgtd explain my_scene.xml
+      sgtd explain scenes/spheres.xml -D bsdf=sgtdconductor -D distribution=student
+      sgtd explain my_scene.xml --variant scalar_rgb --json
+    """
+    import json
+
+    from .explain.report import as_dict, explain, print_explanation
+    from .scene_graph import read_scene
+
+    _start_mitsuba(variant)
+    graph = read_scene(scene, parameters)
+    with _Bars() as bars:
+        explanation = explain(graph, repetitions, bars.add)
+    if as_json:
+        click.echo(json.dumps(as_dict(explanation), indent=2, allow_nan=False))
+    else:
+        print_explanation(explanation, _console())
 
 
 @cli.command("doctor", short_help="Say what works here, and how to mend what does not.")

@@ -107,6 +107,11 @@ class Ndf:
         return self._core.accuracy_reached
 
     @property
+    def node(self) -> str:
+        """The row of the family at which the shape runs: the lowest that its numbers allow."""
+        return _core.lowest_node(*self._shape)[0]
+
+    @property
     def table_bytes(self) -> int:
         """Memory of the tables."""
         return self._core.table_bytes

@@ -38,6 +38,26 @@ class SceneGraph:
             if node.props.plugin_name() == plugin:
                 yield node
 
+    def bsdfs(self) -> Iterator[tuple[Any, list[Any]]]:
+        """Each BSDF node with the BSDF nodes that hold it (twosided, blendbsdf, ...), in the order of the file."""
+        import mitsuba as mi
+
+        found = [node for node in self._state.nodes if node.type == mi.ObjectType.BSDF]
+        held = [[self.referred(node.props[name]) for name in node.props.keys()] for node in found]
+        for node in found:
+            holders = [holder for holder, inner in zip(found, held) if any(other is node for other in inner)]
+            yield node, holders
+
+    def referred(self, value: Any) -> Any:
+        """The node that a property refers to; None if it is a plain value."""
+        import mitsuba as mi
+
+        if isinstance(value, mi.Properties.ResolvedReference):
+            return self._state.nodes[value.index()]
+        if isinstance(value, mi.Properties.Reference):
+            return next((node for node in self._state.nodes if node.props.id() == value.id()), None)
+        return None
+
     def place(self, node: Any) -> str:
         """Where a node stands: "scene.xml (line 3, col 7)"."""
         import mitsuba as mi

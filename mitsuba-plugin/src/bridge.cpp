@@ -27,6 +27,14 @@ sgtd::Given given(std::optional<double> value) {
 
 sgtd::Vec3 to_core(const Vec3 &v) { return { v[0], v[1], v[2] }; }
 
+sgtd::Shape to_core(const Shape &shape) {
+    return { shape.gamma, shape.p, shape.lambda, shape.shift };
+}
+
+Shape from_core(const sgtd::Shape &shape) {
+    return { shape.gamma, shape.p, shape.lambda, shape.shift };
+}
+
 template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.data, slice.size }; }
 
 } // namespace
@@ -36,8 +44,15 @@ RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::op
     return checked([&] {
         sgtd::RowShape result = sgtd::shape_of_row(rust::Str(row.data(), row.size()), given(gamma),
                                                    given(p), given(lambda), given(shift));
-        const sgtd::Shape &shape = result.shape;
-        return RowShape{ { shape.gamma, shape.p, shape.lambda, shape.shift }, result.alpha_scale };
+        return RowShape{ from_core(result.shape), result.alpha_scale };
+    });
+}
+
+Node lowest_node(const Shape &shape) {
+    return checked([&] {
+        sgtd::Node node = sgtd::lowest_node(to_core(shape));
+        return Node{ std::string(node.name), from_core(node.shape), node.alpha_scale,
+                     node.closed_form };
     });
 }
 
@@ -61,10 +76,8 @@ std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool vi
     static std::map<Key, std::shared_ptr<Slot>> slots;
 
     auto build = [&] {
-        rust::Box<sgtd::Ndf> core = checked([&] {
-            return sgtd::new_ndf({ shape.gamma, shape.p, shape.lambda, shape.shift }, accuracy,
-                                 visible);
-        });
+        rust::Box<sgtd::Ndf> core =
+            checked([&] { return sgtd::new_ndf(to_core(shape), accuracy, visible); });
         return std::shared_ptr<const Ndf>(
             new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core) })));
     };

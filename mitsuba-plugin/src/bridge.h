@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 
 /// The Rust core as the C++ of this folder sees it.
@@ -36,6 +37,18 @@ struct RowShape {
     double alpha_scale;
 };
 
+/// The node of the family's tree at which a shape runs: the lowest one that its numbers allow.
+struct Node {
+    /// Name of the row
+    std::string name;
+    /// The shape without what a roughness says as well: a skew without a shift
+    Shape shape;
+    /// Factor on the roughness that makes up for it
+    double alpha_scale;
+    /// Is it GGX without shift, where D, masking and visible normals are closed forms?
+    bool closed_form;
+};
+
 using Vec3 = std::array<double, 3>;
 
 struct NormalSample {
@@ -45,6 +58,10 @@ struct NormalSample {
     /// D(m) / pdf, without the overflow of the quotient.
     double d_over_pdf;
 };
+
+/// Greatest `steepness` for single precision: a slope has 2e-7 of relative error, a Gaussian 28.
+/// Lower values cost time, higher ones accuracy.
+constexpr double Steep = 38.0;
 
 /// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
 struct Tables {
@@ -58,6 +75,8 @@ struct Tables {
 /// Shape of a named row; parameters that were left out take their defaults.
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
                       std::optional<double> lambda, std::optional<double> shift);
+
+Node lowest_node(const Shape &shape);
 
 /// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).
 class Ndf {

@@ -3,6 +3,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 
 #include "bridge.h"
@@ -64,6 +65,7 @@ nb::object per_direction(const Ndf &ndf, double alpha_u, double alpha_v, const A
 
 NB_MODULE(_core, m) {
     m.attr("mitsuba_release") = SGTD_MITSUBA_RELEASE;
+    m.attr("steep")           = sgtd::host::Steep;
 
     m.def(
         "shape_of_row",
@@ -77,19 +79,31 @@ NB_MODULE(_core, m) {
         "shift"_a = nb::none(),
         "(gamma, p, lambda, shift, alpha_scale) of a named row of the family.");
 
+    m.def(
+        "lowest_node",
+        [](double gamma, double p, double lam, double shift) {
+            auto node = sgtd::host::lowest_node({ gamma, p, lam, shift });
+            return nb::make_tuple(node.name, node.shape.gamma, node.shape.p, node.shape.lambda,
+                                  node.shape.shift, node.alpha_scale, node.closed_form);
+        },
+        "gamma"_a, "p"_a, "lam"_a, "shift"_a,
+        "(name, gamma, p, lambda, shift, alpha_scale, closed_form) of the node at which a shape "
+        "runs.");
+
     nb::class_<Ndf>(m, "Ndf", "A validated shape with its tables.")
         .def_static(
             "get",
-            [](double gamma, double p, double lam, double shift, double accuracy) {
+            [](double gamma, double p, double lam, double shift, double accuracy, bool visible) {
                 nb::gil_scoped_release unlocked;
                 // The object is shared and has no method that changes it
                 return std::const_pointer_cast<Ndf>(
-                    Ndf::get({ gamma, p, lam, shift }, accuracy, true));
+                    Ndf::get({ gamma, p, lam, shift }, accuracy, visible));
             },
-            "gamma"_a, "p"_a, "lam"_a, "shift"_a, "accuracy"_a)
+            "gamma"_a, "p"_a, "lam"_a, "shift"_a, "accuracy"_a, "visible"_a = true)
         .def_prop_ro("normalization", [](const Ndf &ndf) { return ndf.tables().normalization; })
         .def_prop_ro("accuracy_reached",
                      [](const Ndf &ndf) { return ndf.tables().accuracy_reached; })
+        .def_prop_ro("steepness", [](const Ndf &ndf) { return ndf.tables().steepness; })
         .def_prop_ro("table_bytes",
                      [](const Ndf &ndf) {
                          auto tables = ndf.tables();

@@ -268,6 +268,8 @@ private:
         UInt32 index;
         /// Weight of the first of the two
         Float weight;
+        /// Is there no second one?
+        bool alone = false;
     };
 
     /**
@@ -283,8 +285,8 @@ private:
         return { (Tables::Rows - 2) - back, r - Float(back) };
     }
 
-    /// The row of normal incidence: the distribution of D cos.
-    static Row normal_row() { return { UInt32(Tables::Rows - 2), Float(0.f) }; }
+    /// The one row of a table without visible normals: the distribution of D cos.
+    static Row normal_row() { return { UInt32(0), Float(1.f), true }; }
 
     /// Index of the pair (C, g) at knot `j` in the first row of a mixture
     static UInt32 pair_index(const Row &row, const UInt32 &j) {
@@ -296,14 +298,16 @@ private:
     }
 
     static Float mix(const Row &row, const Float &first, const Float &second) {
-        return dr::fmadd(row.weight, first - second, second);
+        return row.alone ? first : dr::fmadd(row.weight, first - second, second);
     }
 
     /// C, the share of the mass above knot `j`
     Float mass_above(const Row &row, const UInt32 &j) const {
-        UInt32 k = 2u * pair_index(row, j);
-        return mix(row, dr::gather<Float>(m_tables.visible, k),
-                   dr::gather<Float>(m_tables.visible, k + 2u * (Tables::Cells + 1u)));
+        UInt32 k    = 2u * pair_index(row, j);
+        Float first = dr::gather<Float>(m_tables.visible, k);
+        if (row.alone)
+            return first;
+        return mix(row, first, dr::gather<Float>(m_tables.visible, k + 2u * (Tables::Cells + 1u)));
     }
 
     /// Cell of a monotone rational-quadratic spline (Gregory & Delbourgo 1982): mass over y =
@@ -334,7 +338,8 @@ private:
     Cell cell_at(const Row &row, const UInt32 &j) const {
         // Two rows (a, b), each at both ends of the cell
         UInt32 k = pair_index(row, j), stride = Tables::Cells + 1;
-        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = pair(k + stride), b1 = pair(k + stride + 1u);
+        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = row.alone ? a0 : pair(k + stride),
+                 b1 = row.alone ? a1 : pair(k + stride + 1u);
         Cell cell;
         cell.y     = dr::gather<Float>(m_tables.visible, j);
         cell.width = dr::gather<Float>(m_tables.visible, j + 1u) - cell.y;

@@ -20,15 +20,12 @@ template <typename Float_> struct SgtdTables {
     using UInt32      = dr::uint32_array_t<Float>;
     using FloatBuffer = DynamicBuffer<Float>;
 
-    /// Size of the visible-normal table. The core has the same constants; `load` compares.
+    /// Size of the visible-normal table, of which `sample_visible = false` has the last row alone.
+    /// The core has the same constants; `load` compares.
     static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
 
     /// Size of the masking table's header: one entry per exponent of a float.
     static constexpr uint32_t Entries = 256;
-
-    /// Greatest |d ln f / d ln x| for single precision: a slope has 2e-7 of relative error, a
-    /// Gaussian 28. Lower values cost time, higher ones accuracy.
-    static constexpr double Steep = 38.0;
 
     /// Factor on the roughness that the user gives
     Float alpha_scale;
@@ -45,6 +42,22 @@ template <typename Float_> struct SgtdTables {
     /// visible-normal table, C the share of the mass above the knot
     FloatBuffer lambda, visible;
 
+    /**
+     * What a material on Mitsuba's own distribution has instead of tables: nothing but a factor on
+     * its roughness, if that is not 1.
+     *
+     * A frozen function notices a switch of code by the variables that it meets, so those of one
+     * path must not be there on another.
+     */
+    static SgtdTables without(double alpha_scale) {
+        SgtdTables result;
+        if (alpha_scale != 1.0) {
+            result.alpha_scale = (float)alpha_scale;
+            dr::make_opaque(result.alpha_scale);
+        }
+        return result;
+    }
+
     /// The accuracy to ask the core for: nothing finer than single precision can show.
     static double accuracy(double given) {
         return dr::is_jit_v<Float> && given > 0.0 ? std::max(given, 1e-7) : given;
@@ -55,15 +68,16 @@ template <typename Float_> struct SgtdTables {
         if constexpr (dr::is_jit_v<Float>) {
             const sgtd::host::Tables tables = ndf.tables();
             const sgtd::host::Shape &shape  = row.shape;
-            if (tables.visible_rows != Rows || tables.visible_cells != Cells ||
-                tables.visible.size != 2 * (FirstPair + Rows * (Cells + 1)) ||
+            if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
+                tables.visible_cells != Cells ||
+                tables.visible.size != 2 * (FirstPair + tables.visible_rows * (Cells + 1)) ||
                 tables.lambda_entries != Entries)
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");
             result.alpha_scale = (float)row.alpha_scale;
             result.factor      = (float)(tables.normalization / dr::Pi<double>);
             result.profile     = SgtdProfile<Float>::load(shape);
-            result.steep       = tables.steepness > Steep;
+            result.steep       = tables.steepness > sgtd::host::Steep;
             if (result.steep)
                 result.precise = SgtdProfile<Double>::load(shape);
             result.scale   = (float)tables.scale;

@@ -115,8 +115,10 @@ with + where x exceeds the shift; gamma = inf means f = exp(-u). Two roughnesses
 along the two tangents, as in GGX. All defaults together are GGX, while ``roughconductor`` defaults
 to Beckmann: name the distribution when the two are compared.
 
-``beckmann`` and ``ggx`` without a shift run on Mitsuba's own MicrofacetDistribution and give the
-values of ``roughconductor``.
+Values decide what is computed, not the row. Without a shift, gamma = 2 and p = 1 run on Mitsuba's
+own MicrofacetDistribution and give the values of ``roughconductor`` (lambda is then a factor 1 +
+lambda on the roughness). So does ``beckmann``; as Mitsuba masks that by a fit within 6e-3, gamma =
+inf in other rows keeps tables of its own.
 
 The shape parameters are exposed as plain numbers, without derivatives. Changing one makes new
 tables; a value out of range is refused, and the material keeps what it had.
@@ -311,14 +313,19 @@ private:
         Spectrum value(0.f);
         if constexpr (Value) {
             UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
-            // Within 1e-18 of grazing, D and 1/cos leave single precision
-            Mask lit   = active && D > 0.f && dr::all(dr::isfinite(result));
+            Mask lit                   = active && D != 0.f;
+            if (m_builtin)
+                active = lit;
+            else // within 1e-18 of grazing, D and 1/cos leave single precision
+                lit &= dr::all(dr::isfinite(result));
             Spectrum F = reflectance(ctx, si, wo, m, lit);
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
         }
-        return { value, dr::select(active && dr::isfinite(pdf), pdf, 0.f) };
+        if (!m_builtin)
+            active &= dr::isfinite(pdf);
+        return { value, dr::select(active, pdf, 0.f) };
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
@@ -326,9 +333,11 @@ private:
     Spectrum reflectance(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
                          const Vector3f &m, Mask active) const {
         dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
-        // Below 1e-10 the square of the cosine is 0, and Fresnel's equations are 0/0 for eta = 1
+        // Below 1e-10 the square of the cosine is 0, and Fresnel's equations are 0/0 for eta = 1.
+        // Mitsuba's own distributions stay what they are in roughconductor, to the last operation.
         auto cosine = [&](const Vector3f &w) {
-            return UnpolarizedSpectrum(dr::maximum(dr::dot(w, m), 1e-10f));
+            Float c = dr::dot(w, m);
+            return UnpolarizedSpectrum(m_builtin ? c : dr::maximum(c, 1e-10f));
         };
         if constexpr (is_polarized_v<Spectrum>) {
             // Light comes from wo, and an adjoint query swaps the two directions

@@ -143,21 +143,26 @@ fn print_second_moments() {
 
 /// Times what a material costs to build, and prints its bytes.
 fn print_construction() {
-    let shape = Shape::new(2.7, 1.3, 0.3, 0.4).expect("valid");
-    let mut seconds: Vec<f64> = (0..REPETITIONS)
-        .map(|_| {
-            let start = Instant::now();
-            black_box(Ndf::new(Box::new(SkewedT::new(shape)), 1e-5).is_ok());
-            start.elapsed().as_secs_f64() * 1e3
-        })
-        .collect();
-    let (low, middle, high) = quantiles(&mut seconds);
-    let ndf = Ndf::new(Box::new(SkewedT::new(shape)), 1e-5).expect("valid");
-    let bytes = 4 * (ndf.lambda_table().flat().len() + ndf.visible_table().flat().len());
-    println!(
-        "a full SGTD material at accuracy 1e-5: {middle:.2} ms [{low:.2}, {high:.2}], {bytes} bytes of tables   \
-         target <= 2 ms, <= 16384 bytes"
-    );
+    let shape = |gamma, p, lambda, shift| Shape::new(gamma, p, lambda, shift).expect("valid");
+    for (name, shape, target) in [
+        ("a full SGTD", shape(2.7, 1.3, 0.3, 0.4), "<= 2 ms, <= 16384 bytes"),
+        ("Student's, closed masking", shape(1.6, 1.0, 0.0, 0.0), "-"),
+        ("the same by quadrature", shape(1.6, 1.0, 0.0, 1e-9), "-"),
+    ] {
+        let mut seconds: Vec<f64> = (0..REPETITIONS)
+            .map(|_| {
+                let start = Instant::now();
+                black_box(Ndf::new(Box::new(SkewedT::new(shape)), 1e-5).is_ok());
+                start.elapsed().as_secs_f64() * 1e3
+            })
+            .collect();
+        let (low, middle, high) = quantiles(&mut seconds);
+        let ndf = Ndf::new(Box::new(SkewedT::new(shape)), 1e-5).expect("valid");
+        let bytes = 4 * (ndf.lambda_table().flat().len() + ndf.visible_table().flat().len());
+        println!(
+            "{name:<26} at accuracy 1e-5: {middle:.2} ms [{low:.2}, {high:.2}], {bytes} bytes of tables   target {target}"
+        );
+    }
 }
 
 fn main() {
@@ -206,7 +211,22 @@ fn main() {
         "Lambda by quadrature: full SGTD, GGX shape",
         "<= 3000 ns",
         (&radii, &mut |q| integral.at(&profile, q).h),
-        (&radii, &mut |q| smooth_integral.at(&smooth, q).h),
+        (&radii, &mut |q| smooth_integral.by_quadrature(&smooth, q).h),
+    );
+    let student = SkewedT::new(Shape::new(1.6, 1.0, 0.0, 0.0).expect("valid"));
+    let student_integral = MaskingIntegral::new(&student, Rule::REFERENCE);
+    let student_table = ndf(1.6, 1.0, 0.0, 0.0, 1e-5);
+    compare(
+        "Lambda of Student's: closed form against quadrature",
+        "<= 1",
+        (&radii, &mut |q| student_integral.at(&student, q).h),
+        (&radii, &mut |q| student_integral.by_quadrature(&student, q).h),
+    );
+    compare(
+        "Lambda of Student's: closed form against its table",
+        "-",
+        (&radii, &mut |q| student_integral.at(&student, q).h),
+        (&radii, &mut |q| student_table.lambda_table().h(q)),
     );
     let wi = DVec3::new(0.8, 0.0, 0.6);
     compare(

@@ -10,7 +10,8 @@ use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
 use crate::profile::Profile;
 use crate::shape::{Row, Shape as CoreShape};
 use crate::skewed_t::SkewedT;
-use crate::visible_table::{CELLS, ROWS};
+use crate::tree::Node as CoreNode;
+use crate::visible_table::CELLS;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -46,6 +47,14 @@ mod ffi {
         alpha_scale: f64,
     }
 
+    /// The node of the tree at which a shape runs: its name, its shape there, and a factor on every roughness.
+    struct Node {
+        name: String,
+        shape: Shape,
+        alpha_scale: f64,
+        closed_form: bool,
+    }
+
     /// A sampled normal; pdf 0 marks an invalid one.
     struct NormalSample {
         m: Vec3,
@@ -68,6 +77,7 @@ mod ffi {
         type Ndf;
 
         fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape>;
+        fn lowest_node(shape: Shape) -> Result<Node>;
         fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
 
         fn header(self: &Ndf) -> TableHeader;
@@ -119,7 +129,7 @@ mod ffi {
     }
 }
 
-use ffi::{Given, NormalSample, RowShape, Shape, TableHeader, Vec3};
+use ffi::{Given, Node, NormalSample, RowShape, Shape, TableHeader, Vec3};
 
 /// The opaque object that C++ holds.
 pub struct Ndf(CoreNdf);
@@ -130,19 +140,34 @@ impl From<&Vec3> for DVec3 {
     }
 }
 
+impl From<&CoreShape> for Shape {
+    fn from(shape: &CoreShape) -> Self {
+        Self { gamma: shape.gamma(), p: shape.p(), lambda: shape.lambda(), shift: shape.shift() }
+    }
+}
+
 fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape, ParameterError> {
     let given = |g: Given| g.set.then_some(g.value);
     let row = Row::named(row)?;
     let shape = row.shape(given(gamma), given(p), given(lambda), given(shift))?;
-    Ok(RowShape {
-        alpha_scale: row.alpha_scale(&shape),
-        shape: Shape { gamma: shape.gamma(), p: shape.p(), lambda: shape.lambda(), shift: shape.shift() },
+    Ok(RowShape { alpha_scale: row.alpha_scale(&shape), shape: (&shape).into() })
+}
+
+fn lowest_node(shape: Shape) -> Result<Node, ParameterError> {
+    let node = CoreNode::lowest(&CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?);
+    Ok(Node {
+        name: node.row.name.to_owned(),
+        shape: (&node.shape).into(),
+        alpha_scale: node.alpha_scale,
+        closed_form: node.is_closed_form(),
     })
 }
 
-fn new_ndf(shape: Shape, accuracy: f64, _visible: bool) -> Result<Box<Ndf>, ParameterError> {
+fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
     let shape = CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?;
-    Ok(Box::new(Ndf(CoreNdf::new(Box::new(SkewedT::new(shape)), accuracy)?)))
+    let profile = Box::new(SkewedT::new(shape));
+    let ndf = if visible { CoreNdf::new(profile, accuracy) } else { CoreNdf::projected(profile, accuracy) };
+    Ok(Box::new(Ndf(ndf?)))
 }
 
 /// Directions per task: large enough that the queue costs nothing, small enough to balance two cores.
@@ -162,7 +187,7 @@ impl Ndf {
             normalization: self.0.profile().normalization(),
             scale: self.0.visible_table().scale(),
             lambda_entries: ENTRIES as u32,
-            visible_rows: ROWS as u32,
+            visible_rows: self.0.visible_table().rows() as u32,
             visible_cells: CELLS as u32,
             accuracy_reached: self.0.accuracy_reached(),
             steepness: self.0.steepness(),

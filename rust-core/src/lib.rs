@@ -22,16 +22,18 @@
 //! | what | equations | where |
 //! |---|---|---|
 //! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`shape::Shape`], [`shape::ROWS`] |
+//! | the tree of special cases | Figure 1 | [`tree::Node`] |
 //! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`partial_moment::Side::g`], [`profile::Profile::f`] |
 //! | normalization A | 5–6, 15, 26–27, 30, 33, 37–38, 42 | [`profile::Profile::normalization`] |
 //! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] |
 //! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` |
 //! | masking Λ, G1, G2 | 10–12 | [`masking::MaskingIntegral::at`], [`ndf::Ndf::lambda`], [`ndf::Ndf::g2`] |
+//! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`student::StudentMasking`] |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
 //! | sampling of visible normals | – | [`visible_table::VisibleTable`], [`azimuth::Azimuth`], [`ndf::Ndf::sample_visible`] |
 //!
 //! # One way through the modules
-//! [`shape`] → [`partial_moment`] (on [`exponent`], [`gamma_ratio`]) → [`skewed_t`] behind the trait [`profile::Profile`] → [`masking`]
+//! [`shape`] (with its [`tree`]) → [`partial_moment`] (on [`exponent`], [`gamma_ratio`]) → [`skewed_t`] behind the trait [`profile::Profile`] → [`masking`]
 //! → [`lambda_table`], [`visible_table`] → [`ndf`] → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
 
 pub mod azimuth;
@@ -48,4 +50,6 @@ pub mod profile;
 pub mod quadrature;
 pub mod shape;
 pub mod skewed_t;
+pub mod student;
+pub mod tree;
 pub mod visible_table;

@@ -149,8 +149,13 @@ impl MaskingIntegral {
         Self { panels, nodes, points: rule.points, factor, tail, end, zero }
     }
 
-    /// `H(q)` and `S(q)`, q ≥ 0, for the profile that was sampled.
+    /// `H(q)` and `S(q)`, q ≥ 0, for the profile that was sampled: its closed form where it has one, else by quadrature.
     pub fn at(&self, profile: &dyn Profile, q: f64) -> Masking {
+        profile.masking(q).unwrap_or_else(|| self.by_quadrature(profile, q))
+    }
+
+    /// The same without looking for a closed form.
+    pub fn by_quadrature(&self, profile: &dyn Profile, q: f64) -> Masking {
         let Some(last) = self.panels.last() else { return self.zero };
         if q <= 0.0 {
             return self.zero;

@@ -91,11 +91,28 @@ impl Stretched {
 }
 
 impl Ndf {
+    /// The same without what only visible normals need: [`Ndf::sample_visible`] then draws slopes as along the normal, whatever the view,
+    /// and [`Ndf::pdf_visible`] says so.
+    ///
+    /// # Errors
+    /// As [`Ndf::new`].
+    pub fn projected(profile: Box<dyn Profile>, accuracy: f64) -> Result<Self, ParameterError> {
+        Self::with_visible_table(profile, accuracy, VisibleTable::projected)
+    }
+
     /// Tabulates a profile; `accuracy` is the permitted relative error of G1, 0 means quadrature on every call.
     ///
     /// # Errors
     /// `accuracy` is negative, above 0.1 or not a number.
     pub fn new(profile: Box<dyn Profile>, accuracy: f64) -> Result<Self, ParameterError> {
+        Self::with_visible_table(profile, accuracy, VisibleTable::new)
+    }
+
+    fn with_visible_table(
+        profile: Box<dyn Profile>,
+        accuracy: f64,
+        tabulate: fn(&dyn Profile, &MaskingIntegral) -> VisibleTable,
+    ) -> Result<Self, ParameterError> {
         require(
             (0.0..=0.1).contains(&accuracy),
             "accuracy",
@@ -108,7 +125,7 @@ impl Ndf {
         // single-precision renderers read a table at accuracy 0 too
         let tabulated = if accuracy == 0.0 { FINEST_SINGLE } else { accuracy };
         let lambda_table = LambdaTable::new(profile.as_ref(), &masking, tabulated);
-        let visible_table = VisibleTable::new(profile.as_ref(), &masking);
+        let visible_table = tabulate(profile.as_ref(), &masking);
         let factor = profile.normalization() / PI;
         let quadrature = (accuracy == 0.0).then_some(masking);
         Ok(Self { profile, lambda_table, visible_table, quadrature, accuracy, factor })

@@ -9,6 +9,7 @@
 
 use crate::exponent::Exponent;
 use crate::gamma_ratio::{gamma, scaled_gamma_ratio};
+use crate::shape::INFINITE_GAMMA;
 
 /// The width 1 ± λ of one side, with its rounding error.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,8 +73,6 @@ pub struct Side {
     tail: Exponent,
 }
 
-/// From here on γ is infinite to every digit: g differs from its limit by u²/(2γ), u < 745.
-const INFINITE_GAMMA: f64 = 1e25;
 /// From here on g is exp(−u) with that difference added: γ would magnify the rounding of 1 + u/γ beyond all bounds.
 const ALMOST_INFINITE_GAMMA: f64 = 1e15;
 /// Beyond this, exp(−u) is 0.

@@ -3,6 +3,8 @@
 //! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
 
+use crate::masking::Masking;
+
 /// How a profile ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tail {
@@ -51,4 +53,9 @@ pub trait Profile: Send + Sync {
     fn cusps(&self) -> &[f64];
     /// How it ends.
     fn tail(&self) -> Tail;
+    /// H and S at q ≥ 0 in closed form, to 1e-12; `None` where there is none, or none that holds this. Masking is then found
+    /// by quadrature.
+    fn masking(&self, _q: f64) -> Option<Masking> {
+        None
+    }
 }

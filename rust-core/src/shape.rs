@@ -22,6 +22,8 @@ const P_RANGE: (f64, f64) = (0.1, 100.0);
 const LAMBDA_MAX: f64 = 0.9999;
 /// Greatest relative shift; the ring is then 10⁴ times thinner than its radius.
 const SHIFT_MAX: f64 = 1e4;
+/// From here on γ is infinite to every digit: −ln f differs from its limit u by u²/(2γ), u < 745.
+pub(crate) const INFINITE_GAMMA: f64 = 1e25;
 
 impl Shape {
     /// Validates the four parameters.
@@ -81,6 +83,11 @@ impl Shape {
     /// Relative shift m = μ/σ.
     pub fn shift(&self) -> f64 {
         self.shift
+    }
+
+    /// The same with another γ and λ, which the caller knows to be in range.
+    pub(crate) fn with(&self, gamma: f64, lambda: f64) -> Self {
+        Self { gamma, lambda, ..*self }
     }
 }
 
@@ -151,6 +158,27 @@ impl Row {
             choose("lambda", self.lambda, lambda, DEFAULTS.2)?,
             shift.unwrap_or(DEFAULTS.3),
         )
+    }
+
+    /// The fixed values of gamma, p and lambda.
+    fn fixed(&self) -> [Option<f64>; 3] {
+        [self.gamma, self.p, self.lambda]
+    }
+
+    /// How many of gamma, p and lambda are free.
+    pub fn freedom(&self) -> usize {
+        self.fixed().iter().filter(|value| value.is_none()).count()
+    }
+
+    /// Does the shape have the values that this row fixes?
+    pub fn allows(&self, shape: &Shape) -> bool {
+        let values = [shape.gamma, shape.p, shape.lambda];
+        self.fixed().iter().zip(values).all(|(fixed, value)| fixed.is_none_or(|fixed| fixed == value))
+    }
+
+    /// Is every shape of the other row one of this row's?
+    pub fn includes(&self, other: &Row) -> bool {
+        self.fixed().iter().zip(other.fixed()).all(|(mine, theirs)| mine.is_none() || *mine == theirs)
     }
 
     /// Factor on the roughness that the user gives: 1 but for `hyper_cauchy`.

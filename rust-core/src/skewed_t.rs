@@ -3,10 +3,12 @@
 //! Source: Ribardière et al. 2019, Eq. 1–6, in the parametrisation of [`Shape`].
 
 use crate::invert::{self, Monotone};
+use crate::masking::Masking;
 use crate::partial_moment::{Radius, Side, Width};
 use crate::profile::{Profile, Tail};
 use crate::quadrature::gauss;
 use crate::shape::Shape;
+use crate::student::StudentMasking;
 
 /// The SGTD profile at unit roughness.
 #[derive(Debug, Clone)]
@@ -24,6 +26,7 @@ pub struct SkewedT {
     mean: f64,
     cusps: Vec<f64>,
     tail: Tail,
+    closed_masking: Option<StudentMasking>,
 }
 
 /// Log-depth between break points.
@@ -72,6 +75,7 @@ impl SkewedT {
             mean: 2.0 * normalization * second,
             cusps,
             tail,
+            closed_masking: StudentMasking::new(&shape),
         }
     }
 
@@ -226,6 +230,10 @@ impl Profile for SkewedT {
 
     fn tail(&self) -> Tail {
         self.tail
+    }
+
+    fn masking(&self, q: f64) -> Option<Masking> {
+        self.closed_masking.as_ref()?.at(q)
     }
 }
 

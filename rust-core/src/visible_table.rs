@@ -34,6 +34,7 @@ const PLACING_DEPTH: f64 = 40.0;
 #[derive(Debug, Clone)]
 pub struct VisibleTable {
     flat: Vec<f32>,
+    rows: usize,
     scale: f64,
 }
 
@@ -59,17 +60,27 @@ pub struct Mixture {
 impl VisibleTable {
     /// Tabulates a profile.
     pub fn new(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
+        Self::with_rows(profile, masking, ROWS)
+    }
+
+    /// The row of D·cos alone, a tenth of the size: every view is that along the normal.
+    pub fn projected(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
+        Self::with_rows(profile, masking, 1)
+    }
+
+    /// The last `rows` rows, of `ROWS`.
+    fn with_rows(profile: &dyn Profile, masking: &MaskingIntegral, rows: usize) -> Self {
         let scale = row_scale(profile);
         let breaks = profile.breaks(PLACING_DEPTH);
         let knots = place_knots(profile, &breaks, scale);
-        let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + ROWS * (CELLS + 1)));
+        let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + rows * (CELLS + 1)));
         flat.extend(knots.iter().map(|&rho| (rho * rho) as f32));
         flat.push(f32::INFINITY);
         flat.push(0.0);
         // nodes and profile are shared by all rows
         let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, &breaks, ends[0], ends[1])).collect();
         let factor = profile.normalization() / PI;
-        for row in 0..ROWS {
+        for row in ROWS - rows..ROWS {
             let position = row as f64 / (ROWS - 1) as f64;
             let view = View { position, scale };
             // the lost cell: what lies beyond the last finite knot
@@ -93,12 +104,17 @@ impl VisibleTable {
             }
             flat.extend([0.0, 0.0]);
         }
-        Self { flat, scale }
+        Self { flat, rows, scale }
     }
 
     /// Knots (65, one 0 of padding), then rows of pairs (C, g).
     pub fn flat(&self) -> &[f32] {
         &self.flat
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
     }
 
     /// The finite knots as slopes ρ.
@@ -113,6 +129,9 @@ impl VisibleTable {
 
     /// The row coordinate for a stretched view with the given cosine and sine.
     pub fn mixture(&self, cos: f64, sin: f64) -> Mixture {
+        if self.rows < ROWS {
+            return self.unseen();
+        }
         let r = cos / (cos + sin * self.scale) * (ROWS - 1) as f64;
         let row = (r as usize).min(ROWS - 2);
         Mixture { row, t: r - row as f64 }
@@ -120,7 +139,7 @@ impl VisibleTable {
 
     /// The last row alone: the distribution of D·cos, seen along the normal.
     pub fn unseen(&self) -> Mixture {
-        Mixture { row: ROWS - 2, t: 1.0 }
+        Mixture { row: self.rows - 1, t: 0.0 }
     }
 
     fn knot(&self, j: usize) -> f64 {
@@ -129,12 +148,12 @@ impl VisibleTable {
 
     /// Both rows of a mixture.
     #[inline]
-    fn rows(&self, mixture: Mixture) -> Rows<'_> {
+    fn mixed(&self, mixture: Mixture) -> Rows<'_> {
         let row = |index: usize| {
             let start = 2 * (FIRST_PAIR + index * (CELLS + 1));
             self.flat[start..start + 2 * (CELLS + 1)].as_chunks::<2>().0
         };
-        Rows { first: row(mixture.row), second: row(mixture.row + 1), t: mixture.t }
+        Rows { first: row(mixture.row), second: row((mixture.row + 1).min(self.rows - 1)), t: mixture.t }
     }
 
     #[inline]
@@ -148,7 +167,7 @@ impl VisibleTable {
 
     /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
     pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
-        let rows = self.rows(mixture);
+        let rows = self.mixed(mixture);
         let target = 1.0 - u;
         let j = last_where(|j| rows.above(j) >= target);
         if j == CELLS - 1 {
@@ -173,7 +192,7 @@ impl VisibleTable {
         if j == CELLS - 1 {
             return 0.0;
         }
-        let rows = self.rows(mixture);
+        let rows = self.mixed(mixture);
         let cell = self.cell(rows, j);
         cell.density((y - cell.y) / cell.width)
     }

@@ -185,3 +185,29 @@ fn modes_agree_to_the_promised_accuracy() {
         }
     });
 }
+
+/// Without visible normals only the row of D·cos is there, and all draws and densities are those of the whole table, bit for bit.
+#[test]
+fn the_table_of_projected_normals_is_the_last_row() {
+    for case in LIST {
+        let whole = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
+        let alone =
+            Ndf::projected(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
+        let (table, row) = (whole.visible_table(), alone.visible_table());
+        assert_eq!((table.rows(), row.rows()), (ROWS, 1));
+        assert_eq!(row.flat().len(), 2 * (FIRST_PAIR + CELLS + 1));
+        assert_eq!(row.flat()[..2 * FIRST_PAIR], table.flat()[..2 * FIRST_PAIR]);
+        assert_eq!(row.flat()[2 * FIRST_PAIR..], table.flat()[2 * (FIRST_PAIR + (ROWS - 1) * (CELLS + 1))..]);
+        let alpha = Roughness { u: 0.3, v: 0.1 };
+        for k in 0..64 {
+            let u = (f64::from(k) / 64.0, 0.37);
+            let (a, b) = (whole.sample_projected(alpha, u), alone.sample_projected(alpha, u));
+            assert_eq!(a, b, "{case:?}");
+            assert_eq!(whole.pdf_projected(alpha, a.m), alone.pdf_projected(alpha, a.m), "{case:?}");
+            // still a sampler that says what it draws
+            let drawn = alone.sample_visible(alpha, cases::direction(1.2, 0.3), u);
+            let said = alone.pdf_visible(alpha, cases::direction(1.2, 0.3), drawn.m);
+            assert!(drawn.pdf == 0.0 || (said / drawn.pdf - 1.0).abs() < 1e-6, "{case:?}: {said} {}", drawn.pdf);
+        }
+    }
+}

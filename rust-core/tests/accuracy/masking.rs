@@ -2,7 +2,8 @@
 
 use super::{Record, Source, oracle, over_shapes, references, slopes};
 use crate::cases::Case;
-use sgtd_core::masking::{MaskingIntegral, Rule};
+use sgtd_core::masking::{Masking, MaskingIntegral, Rule};
+use sgtd_core::profile::Profile;
 use std::f64::consts::FRAC_2_PI;
 
 /// One argument in so many is integrated, to keep the time within bounds; which ones changes from shape to shape.
@@ -21,15 +22,24 @@ fn arguments(case: Case, seed: u64) -> impl Iterator<Item = (Source, f64)> {
         .map(|(argument, _)| argument)
 }
 
-/// H/a = Λ.
+/// H/a = Λ as everything else takes it.
 pub fn lambda() -> Record {
-    let mut record = over_shapes("lambda", |record, _, case, seed| {
+    lambda_of("lambda", MaskingIntegral::at)
+}
+
+/// H/a = Λ by quadrature, of shapes with a closed form too.
+pub fn lambda_by_quadrature() -> Record {
+    lambda_of("lambda by quadrature", MaskingIntegral::by_quadrature)
+}
+
+fn lambda_of(what: &str, masking_at: fn(&MaskingIntegral, &dyn Profile, f64) -> Masking) -> Record {
+    let mut record = over_shapes(what, |record, _, case, seed| {
         let (profile, oracle) = (case.profile(), oracle(case));
         let masking = MaskingIntegral::new(&profile, Rule::REFERENCE);
         let factor = FRAC_2_PI * oracle.normalization();
         for (source, a) in arguments(case, seed) {
             let want = factor * oracle.bracket_integral(a) / a;
-            record.compare(source, masking.at(&profile, a).h / a, want, || format!("{case:?} a = {a:e}"));
+            record.compare(source, masking_at(&masking, &profile, a).h / a, want, || format!("{case:?} a = {a:e}"));
         }
     });
     let mut last: Option<(Case, MaskingIntegral)> = None;
@@ -39,7 +49,7 @@ pub fn lambda() -> Record {
             last = Some((row.case, MaskingIntegral::new(&profile, Rule::REFERENCE)));
         }
         if let Some((_, masking)) = &last {
-            let got = masking.at(&profile, a).h / a;
+            let got = masking_at(masking, &profile, a).h / a;
             record.compare(Source::List, got, row.value, || format!("{:?} a = {a:e}", row.case));
         }
     }

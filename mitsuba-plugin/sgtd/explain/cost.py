@@ -1,0 +1,190 @@
+"""What evaluation and sampling of a material take against Mitsuba's built-in, measured here and now.
+
+Twice in JIT variants: seconds of a kernel that does nothing but evaluate and sample the BSDF, and of a small render in which the
+material fills the view. Scalar variants, where a call from Python would outweigh the BSDF, are rendered alone. Both sides take turns.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .material import FAMILY, Material
+
+_LANES = 1 << 18
+
+# The side of the image; samples per pixel of scalar variants and of the others.
+_PIXELS, _SPP = 64, (16, 64)
+
+# Properties that both plugins have. Textures are exchanged for a bitmap.
+_COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior", "ext_ior")
+
+# Those that only this family has.
+_OWN = ("distribution", "gamma", "p", "lambda", "shift", "mu", "masking", "accuracy", "multiple_scattering")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Ratio of seconds, ours over the built-in's: median and quartiles."""
+
+    ratio: float
+    low: float
+    high: float
+    against: str
+    what: str
+
+    def words(self) -> str:
+        return f"{self.ratio:.2f} [{self.low:.2f}, {self.high:.2f}] × {self.against}: {self.what}"
+
+
+def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
+    """Times a stand-in with the material's shape, masking and kind of roughness against GGX in the built-in plugin."""
+    import mitsuba as mi
+
+    theirs_plugin = FAMILY[material.plugin]
+    common = {
+        name: _texture() if name in material.objects else material.properties[name]
+        for name in _COMMON
+        if name in material.properties
+    }
+    own = {name: _number(material.properties[name]) for name in _OWN if name in material.properties}
+    ours = {"type": material.plugin, **common, **own}
+    theirs = {"type": theirs_plugin, "distribution": "ggx", **common}
+    clocks = [(_render_seconds, f"a render of {_PIXELS} x {_PIXELS} pixels that it fills")]
+    if _is_jit():
+        clocks.insert(0, (_kernel_seconds, f"eval_pdf and sample of {_LANES} directions alone"))
+    costs = []
+    for clock, what in clocks:
+        low, middle, high = _ratios(clock(ours), clock(theirs), repetitions)
+        how = f"{what}, measured in {mi.variant()}, {repetitions} pairs"
+        costs.append(Cost(middle, low, high, f"{theirs_plugin} ggx", how))
+    return tuple(costs)
+
+
+def _ratios(ours: Callable[[int], float], theirs: Callable[[int], float], repetitions: int) -> tuple[float, ...]:
+    """Quartiles of the ratio of pairs whose order changes."""
+    ours(0), theirs(0)  # compiles
+    ratios = []
+    for turn in range(1, repetitions + 1):
+        if turn % 2:
+            a, b = ours(turn), theirs(turn)
+        else:
+            b, a = theirs(turn), ours(turn)
+        ratios.append(a / b)
+    return tuple(float(x) for x in np.quantile(ratios, [0.25, 0.5, 0.75]))
+
+
+def count_code_paths(scene: Any) -> int | None:
+    """Distinct pieces of BSDF code that a kernel of this scene holds; None in scalar variants, which have no kernels.
+
+    All BSDFs of the scene are called at once, as rays do that hit different shapes, and the functions of the kernel are counted:
+    Dr.Jit merges those whose code is equal.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    if not _is_jit():
+        return None
+    count = len(scene.shapes())
+    if count == 0:
+        return 0
+    size = 4 * count
+    bsdf = dr.gather(mi.ShapePtr, scene.shapes_dr(), dr.arange(mi.UInt32, size) % count).bsdf()
+    si = dr.zeros(mi.SurfaceInteraction3f, size)
+    si.wi = mi.Vector3f(0.1, 0.2, 0.9)
+    wo = mi.Vector3f(0.1, -0.2, 0.9)
+    dr.make_opaque(bsdf, si, wo)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        dr.eval(bsdf.eval_pdf(mi.BSDFContext(), si, wo, True))
+        kernels = dr.kernel_history([dr.KernelType.JIT])
+    functions = {name for kernel in kernels for name in _FUNCTION.findall(_text(kernel["ir"]))}
+    # a call with one target alone is written into the kernel itself
+    return max(len(functions), 1)
+
+
+# Functions that kernels define: LLVM's "define void @func_...", and ".visible .func func_..." of PTX.
+_FUNCTION = re.compile(r"^(?:define|\.visible \.func|\.func).*?\b(func_\w+)", re.MULTILINE)
+
+
+def _text(ir: Any) -> str:
+    return ir.getvalue() if hasattr(ir, "getvalue") else str(ir)
+
+
+def _is_jit() -> bool:
+    import mitsuba as mi
+
+    return not mi.variant().startswith("scalar_")
+
+
+def _number(value: Any) -> Any:
+    return math.inf if value == "inf" else value
+
+
+def _texture() -> dict[str, Any]:
+    import mitsuba as mi
+
+    pixels = np.linspace(0.1, 0.4, 16, dtype=np.float32).reshape(4, 4, 1)
+    return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True}
+
+
+def _kernel_seconds(description: dict[str, Any]) -> Callable[[int], float]:
+    import drjit as dr
+    import mitsuba as mi
+
+    bsdf = mi.load_dict(description)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, _LANES)
+    si = dr.zeros(mi.SurfaceInteraction3f, _LANES)
+    si.wi = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    si.uv = sampler.next_2d()
+    si.sh_frame = mi.Frame3f([1, 0, 0], [0, 1, 0], [0, 0, 1])
+    wo = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    u1, u2 = sampler.next_1d(), sampler.next_2d()
+    si.wavelengths = mi.sample_rgb_spectrum(sampler.next_1d())[0] if mi.is_spectral else si.wavelengths
+    dr.eval(si, wo, u1, u2)
+
+    def run(_turn: int) -> float:
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            context = mi.BSDFContext()
+            dr.eval(bsdf.eval_pdf(context, si, wo), bsdf.sample(context, si, u1, u2))
+            dr.sync_thread()
+            return sum(kernel["execution_time"] for kernel in dr.kernel_history([dr.KernelType.JIT]))
+
+    return run
+
+
+def _render_seconds(description: dict[str, Any]) -> Callable[[int], float]:
+    import drjit as dr
+    import mitsuba as mi
+
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "direct"},
+            "sensor": {
+                "type": "orthographic",
+                "to_world": mi.ScalarTransform4f().look_at([0, -1, 2], [0, 0, 0], [0, 1, 0]).scale([0.4, 0.4, 1]),
+                "film": {"type": "hdrfilm", "width": _PIXELS, "height": _PIXELS, "rfilter": {"type": "box"}},
+            },
+            "light": {"type": "constant"},
+            "shape": {"type": "rectangle", "bsdf": description},
+        }
+    )
+
+    def run(turn: int) -> float:
+        start = time.perf_counter()
+        image = mi.render(scene, spp=_SPP[_is_jit()], seed=turn)
+        if _is_jit():
+            dr.eval(image)
+            dr.sync_thread()
+        return time.perf_counter() - start
+
+    return run

@@ -1,0 +1,266 @@
+"""What a material of a scene file needs: its node in the tree of the family, its effects, its tables.
+
+Nothing here renders; every number comes from the core, for the same shape and accuracy as the plugin asks for.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .. import _core
+from ..errors import UserError
+from ..scene_graph import SceneGraph
+
+# Plugins of this family, and the built-in that each stands in for.
+FAMILY = {"sgtdconductor": "roughconductor", "sgtddielectric": "roughdielectric"}
+
+# Values that properties have when they are left out.
+DEFAULTS: Mapping[str, Any] = {
+    "distribution": "sgtd",
+    "alpha": 0.1,
+    "masking": "separable",
+    "sample_visible": True,
+    "accuracy": 1e-5,
+}
+
+_NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
+
+# A table is built so often; the median is told.
+_BUILDS = 3
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The four numbers of a shape."""
+
+    gamma: float
+    p: float
+    lam: float
+    shift: float
+
+    def words(self) -> str:
+        return f"gamma = {self.gamma:g}, p = {self.p:g}, lambda = {self.lam:g}, shift = {self.shift:g}"
+
+    def numbers(self) -> tuple[float, float, float, float]:
+        return self.gamma, self.p, self.lam, self.shift
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of the list that a material may call for."""
+
+    name: str
+    on: bool
+    words: str
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What the core made for a shape."""
+
+    bytes: int
+    build_seconds: float
+    accuracy_reached: float
+    steepness: float
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of this family."""
+
+    id: str
+    plugin: str
+    place: str
+    holders: tuple[str, ...]
+    row: str
+    properties: Mapping[str, Any]
+    objects: frozenset[str]
+    defaulted: tuple[str, ...]
+    shape: Shape
+    node: str
+    node_shape: Shape
+    alpha_scale: float
+    builtin: str
+    why: str
+    effects: tuple[Effect, ...]
+    accuracy_asked: float
+    tables: Tables | None
+    textured: bool
+    anisotropic: bool
+
+    @property
+    def double_precision(self) -> bool:
+        """Is D evaluated in double precision in JIT variants?"""
+        return self.tables is not None and self.tables.steepness > _core.steep
+
+    def on(self, effect: str) -> bool:
+        return any(entry.on for entry in self.effects if entry.name == effect)
+
+    def structure(self) -> tuple[Any, ...]:
+        """What the traced code depends on, as far as this family decides it: equal structures can share one code path."""
+        return (
+            self.plugin,
+            self.builtin or "tables",
+            self.builtin != "" and self.alpha_scale != 1.0,
+            self.double_precision,
+            self.textured,
+            self.anisotropic,
+            *(effect.on for effect in self.effects if effect.name in STRUCTURAL),
+        )
+
+
+# Effects, beside anisotropy, textures and double precision, that are code and not numbers.
+STRUCTURAL = ("visible normals", "height-correlated masking", "multiple scattering")
+
+
+def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Material:
+    """Reads a BSDF node of the scene graph that Mitsuba has already accepted."""
+    props = node.props
+    place = graph.place(node)
+    values = {name: props[name] for name in props.keys()}
+    row = str(values.get("distribution", DEFAULTS["distribution"])).lower()
+    given = {name: float(values[name]) for name in _NUMBERS if name in values}
+    try:
+        shape, scale = _resolve(row, given, values)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{place}: {error}") from error
+
+    name, *numbers, node_scale, closed = _core.lowest_node(*shape.numbers())
+    reduced = Shape(*numbers)
+    builtin = "ggx" if closed else "beckmann" if row == "beckmann" and reduced.shift == 0.0 else ""
+    accuracy = float(values.get("accuracy", DEFAULTS["accuracy"]))
+    visible = bool(values.get("sample_visible", DEFAULTS["sample_visible"]))
+    anisotropic = "alpha_u" in values
+    nested = {name: graph.referred(value) for name, value in values.items()}
+    objects = frozenset(name for name, other in nested.items() if other is not None)
+    textured = not objects.isdisjoint(("alpha", "alpha_u", "alpha_v"))
+    tables = None if builtin else _tables(reduced, accuracy, visible)
+    return Material(
+        id=str(props.id()) or "unnamed",
+        plugin=props.plugin_name(),
+        place=place,
+        holders=tuple(_name(holder) for holder in holders),
+        row=row,
+        properties={
+            name: f"a {other.props.plugin_name()}" if (other := nested[name]) is not None else _plain(value)
+            for name, value in values.items()
+        },
+        objects=objects,
+        defaulted=tuple(key for key in DEFAULTS if key not in values and not (key == "alpha" and anisotropic)),
+        shape=shape,
+        node=name,
+        node_shape=reduced,
+        alpha_scale=scale * node_scale,
+        builtin=builtin,
+        why=_why(row, shape, name, reduced, builtin, node_scale),
+        effects=_effects(shape, values, visible, anisotropic, textured, tables),
+        accuracy_asked=accuracy,
+        tables=tables,
+        textured=textured,
+        anisotropic=anisotropic,
+    )
+
+
+def _resolve(row: str, given: dict[str, float], values: Mapping[str, Any]) -> tuple[Shape, float]:
+    """The shape and the factor on the roughness, as the plugin finds them."""
+    arguments = [given.get(name) for name in ("gamma", "p", "lambda")]
+    shift = given.get("shift")
+    if "mu" in given:
+        scale = _core.shape_of_row(row, *arguments, None)[4]
+        shift = given["mu"] / max(float(values.get("alpha", DEFAULTS["alpha"])) * scale, 1e-4)
+    *numbers, scale = _core.shape_of_row(row, *arguments, shift)
+    return Shape(*numbers), scale
+
+
+def _tables(shape: Shape, accuracy: float, visible: bool) -> Tables:
+    seconds = []
+    for _ in range(_BUILDS):
+        start = time.perf_counter()
+        ndf = _core.Ndf.get(*shape.numbers(), _asked_of_core(accuracy), visible)
+        seconds.append(time.perf_counter() - start)
+        tables = Tables(ndf.table_bytes, 0.0, ndf.accuracy_reached, ndf.steepness)
+        # tables without a user are dropped, so the next turn builds them again
+        del ndf
+    return Tables(tables.bytes, sorted(seconds)[_BUILDS // 2], tables.accuracy_reached, tables.steepness)
+
+
+def _asked_of_core(accuracy: float) -> float:
+    """The plugin asks for nothing finer than single precision can show, where it computes in that."""
+    import mitsuba as mi
+
+    return accuracy if accuracy == 0.0 or mi.variant().startswith("scalar_") else max(accuracy, 1e-7)
+
+
+def _why(row: str, shape: Shape, node: str, reduced: Shape, builtin: str, scale: float) -> str:
+    fixed = []
+    if reduced.gamma in (2.0, math.inf):
+        fixed.append(f"gamma = {reduced.gamma:g}")
+    if reduced.p == 1.0:
+        fixed.append("p = 1")
+    if reduced.lam == 0.0:
+        fixed.append("lambda = 0")
+    fixed.append("shift = 0" if reduced.shift == 0.0 else f"shift = {reduced.shift:g}")
+    text = ", ".join(fixed)
+    if builtin == "ggx":
+        text += ": GGX's closed form, Mitsuba's own code"
+    elif builtin == "beckmann":
+        text += ': "beckmann" by name: Mitsuba\'s own code, whose masking is a fit that is off by up to 6e-3'
+    elif node == "ggx":
+        text += ": GGX, but its shift needs tables"
+    elif node == "beckmann" and reduced.shift == 0.0:
+        text += f': Beckmann, with masking as exact as "accuracy" asks for, because it was written as "{row}"'
+    else:
+        text += ": no closed form for masking and visible normals, so tables"
+    if scale != 1.0:
+        text += f"; without a shift, lambda = {shape.lam:g} is nothing but a roughness {scale:g} times as high"
+    return text
+
+
+def _effects(
+    shape: Shape,
+    values: Mapping[str, Any],
+    visible: bool,
+    anisotropic: bool,
+    textured: bool,
+    tables: Tables | None,
+) -> tuple[Effect, ...]:
+    skewed = shape.lam != 0.0 and shape.shift > 0.0
+    correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
+    multiple = bool(values.get("multiple_scattering", False))
+    steep = tables is not None and tables.steepness > _core.steep
+    tail = "that of GGX" if shape.gamma == 2.0 else "none: exponential" if shape.gamma == math.inf else None
+    return (
+        Effect("shift", shape.shift > 0.0, f"{shape.shift:g}"),
+        Effect("skew", skewed, f"{shape.lam:g}" if skewed or shape.lam == 0.0 else "a roughness, without a shift"),
+        Effect("kurtosis", shape.p != 1.0, f"p = {shape.p:g}"),
+        Effect("tail", tail is None, tail or f"gamma = {shape.gamma:g}"),
+        Effect("anisotropy", anisotropic, "alpha_u, alpha_v" if anisotropic else "one alpha"),
+        Effect("roughness texture", textured, "looked up per hit" if textured else "a number"),
+        Effect("visible normals", visible, "sample_visible" if visible else "all normals are drawn from"),
+        Effect("height-correlated masking", correlated, "height_correlated" if correlated else "separable"),
+        Effect("multiple scattering", multiple, "on" if multiple else "single scattering"),
+        Effect(
+            "double precision",
+            steep,
+            f"|d ln D / d ln slope| is {tables.steepness:.3g}, JIT variants bear {_core.steep:g}"
+            if tables is not None and steep
+            else "not needed",
+        ),
+    )
+
+
+def _name(node: Any) -> str:
+    identity = str(node.props.id())
+    plugin = str(node.props.plugin_name())
+    return f'{plugin} "{identity}"' if identity else plugin
+
+
+def _plain(value: Any) -> Any:
+    """A property as JSON can hold it."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if isinstance(value, (int, float, str, bool)) else str(value)
