@@ -1,4 +1,5 @@
 #include <mitsuba/core/string.h>
+#include <mitsuba/core/warp.h>
 #include <mitsuba/render/bsdf.h>
 #include <mitsuba/render/fresnel.h>
 #include <mitsuba/render/ior.h>
@@ -10,6 +11,7 @@
 
 #include "mitsuba_version.h"
 #include "sgtd_distribution.h"
+#include "sgtd_multiple_scattering.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -97,6 +99,11 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
      ``height_correlated``: they are correlated by the height of the facet.
      (Default: ``separable``)
 
+ * - multiple_scattering
+   - |boolean|
+   - Return the light that the microsurface reflects more than once. Without it, that light is
+     lost. (Default: |false|)
+
  * - sample_visible
    - |boolean|
    - Draw from the visible normals, or from all normals. (Default: |true|)
@@ -119,6 +126,19 @@ to Beckmann: name the distribution when the two are compared.
 
 ``beckmann`` and ``ggx`` without a shift run on Mitsuba's own MicrofacetDistribution and give the
 values of ``roughconductor``.
+
+With ``multiple_scattering``, a reciprocal lobe returns what single scattering loses,
+
+    f_ms = F_ms (1 - E(w_i)) (1 - E(w_o)) / (pi (1 - E_avg))
+
+where E is the albedo of single scattering for a perfect mirror, tabulated for this shape and this
+masking, and E_avg its average. F_ms = F^2 E_avg / (1 - F (1 - E_avg)), with the average F of the
+Fresnel reflectance, is what repeated reflections leave of each wavelength: metals become darker and
+more saturated as roughness grows, and a mirror loses nothing. ``specular_reflectance`` scales the
+sum of both lobes, and polarized variants return this light unpolarized. Two roughnesses are
+tabulated as a pair, and again when one is changed; if a texture drives one of them, E is that of
+the isotropic surface with their mean, and the balance of energy is approximate. Tables follow
+roughness up to 8.
 
 The shape parameters are exposed as plain numbers, without derivatives. Changing one makes new
 tables; a value out of range is refused, and the material keeps what it had.
@@ -146,7 +166,10 @@ public:
         if (!(m_accuracy >= 0.0 && m_accuracy <= 0.1))
             Throw("parameter \"accuracy\" is %s, but must be between 0 and 0.1", m_accuracy);
 
+        m_multiple_scattering = props.get<bool>("multiple_scattering", false);
+
         update_shape();
+        update_losses();
         update_flags();
     }
 
@@ -174,11 +197,13 @@ public:
             shape |= string::contains(keys, parameter.name);
         if (shape)
             update_shape();
+        if (shape || (m_losses.fixed && string::contains(keys, "alpha")))
+            update_losses();
         update_flags();
     }
 
     std::pair<BSDFSample3f, Spectrum> sample(const BSDFContext &ctx, const SurfaceInteraction3f &si,
-                                             Float /* sample1 */, const Point2f &sample2,
+                                             Float sample1, const Point2f &sample2,
                                              Mask active) const override {
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
 
@@ -190,6 +215,7 @@ public:
 
         Normal3f m;
         UnpolarizedSpectrum weight;
+        Mask visible            = active;
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
             MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
@@ -218,6 +244,15 @@ public:
         bs.eta               = 1.f;
         bs.sampled_component = 0;
         bs.sampled_type      = +BSDFFlags::GlossyReflection;
+        if (m_multiple_scattering) {
+            // One of the lobes gives the direction, both of them its value and density
+            Float lost    = m_losses.loss(loss_surface(alpha_u, alpha_v), si.wi);
+            Mask again    = visible && sample1 < lost;
+            bs.wo         = dr::select(again, warp::square_to_cosine_hemisphere(sample2), bs.wo);
+            auto [value, pdf] = evaluate<true, true>(ctx, si, bs.wo, again || active);
+            bs.pdf            = pdf;
+            return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
+        }
         // From normals to outgoing directions
         bs.pdf /= 4.f * dr::dot(bs.wo, m);
 
@@ -253,6 +288,7 @@ public:
                 oss << "  " << parameter.name << " = " << parameter.value << "," << std::endl;
         oss << "  masking = " << (m_height_correlated ? "height_correlated" : "separable") << ","
             << std::endl
+            << "  multiple_scattering = " << m_multiple_scattering << "," << std::endl
             << "  sample_visible = " << m_sample_visible << "," << std::endl
             << "  accuracy = " << m_accuracy << "," << std::endl
             << "  alpha_u = " << string::indent(m_alpha_u) << "," << std::endl
@@ -465,6 +501,27 @@ private:
         }
     }
 
+    /// Makes the table of what single scattering loses, if it is to be returned.
+    void update_losses() {
+        if (!m_multiple_scattering)
+            return;
+        using MultipleScattering = SgtdMultipleScattering<Float>;
+        const auto &row          = m_current->row;
+        // Mitsuba's own distributions have no tables of ours
+        std::shared_ptr<const sgtd::host::Ndf> ndf =
+            m_ndf ? m_ndf : sgtd::host::Ndf::get(row.shape, m_accuracy, m_sample_visible);
+        auto constant = [&](const Texture *alpha) {
+            return std::max((double)dr::slice(dr::detach(alpha->mean())) * row.alpha_scale, 1e-4);
+        };
+        bool varying = m_alpha_u->is_spatially_varying() || m_alpha_v->is_spatially_varying();
+        if (m_alpha_u == m_alpha_v || varying) {
+            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
+        } else {
+            double u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
+            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated, u, v), u, v);
+        }
+    }
+
     void update_flags() {
         m_flags = BSDFFlags::GlossyReflection | BSDFFlags::FrontSide;
         if (m_alpha_u != m_alpha_v)
@@ -479,6 +536,14 @@ private:
 
     std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, Mask active) const {
         return { m_alpha_u->eval_1(si, active), m_alpha_v->eval_1(si, active) };
+    }
+
+    /// The roughness as the table of losses knows it.
+    auto loss_surface(const Float &alpha_u, const Float &alpha_v) const {
+        auto least = [&](const Float &alpha) {
+            return dr::maximum(m_builtin ? alpha : alpha * m_tables.alpha_scale, 1e-4f);
+        };
+        return m_losses.surface(least(alpha_u), least(alpha_v));
     }
 
     /// Masking and shadowing for Mitsuba's own distributions.
@@ -536,7 +601,30 @@ private:
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
         }
-        return { value, dr::select(active && dr::isfinite(pdf), pdf, 0.f) };
+        pdf = dr::select(active && dr::isfinite(pdf), pdf, 0.f);
+        if (m_multiple_scattering)
+            add_multiple_scattering<Value, Pdf>(si, wo, alpha_u, alpha_v, active, value, pdf);
+        return { value, pdf };
+    }
+
+    /// Adds the lobe that returns what single scattering loses, and the density of its samples.
+    template <bool Value, bool Pdf>
+    void add_multiple_scattering(const SurfaceInteraction3f &si, const Vector3f &wo,
+                                 const Float &alpha_u, const Float &alpha_v, const Mask &active,
+                                 Spectrum &value, Float &pdf) const {
+        auto surface = loss_surface(alpha_u, alpha_v);
+        Float lost = m_losses.loss(surface, si.wi), cosine = dr::InvPi<Float> * Frame3f::cos_theta(wo);
+        if constexpr (Value) {
+            dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
+            UnpolarizedSpectrum result = m_losses.tint(surface.average_loss, eta) *
+                                         (lost * m_losses.loss(surface, wo) * cosine /
+                                          dr::maximum(surface.average_loss, 1e-30f));
+            if (m_specular_reflectance)
+                result *= m_specular_reflectance->eval(si, active);
+            value += depolarizer<Spectrum>(result) & active;
+        }
+        if constexpr (Pdf)
+            pdf = dr::select(active, dr::lerp(pdf, cosine, lost), 0.f);
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
@@ -573,7 +661,7 @@ private:
 
 private:
     ref<Texture> m_eta, m_k, m_specular_reflectance, m_alpha_u, m_alpha_v;
-    bool m_sample_visible, m_height_correlated;
+    bool m_sample_visible, m_height_correlated, m_multiple_scattering;
     double m_accuracy;
 
     /// Name of the row, and its parameters; the last one is the shift or mu.
@@ -596,8 +684,11 @@ private:
     std::optional<MicrofacetType> m_builtin;
     std::shared_ptr<const sgtd::host::Ndf> m_ndf;
     SgtdTables<Float> m_tables;
+    /// Empty unless light is scattered more than once
+    SgtdMultipleScattering<Float> m_losses;
 
-    MI_TRAVERSE_CB(Base, m_eta, m_k, m_specular_reflectance, m_alpha_u, m_alpha_v, m_tables)
+    MI_TRAVERSE_CB(Base, m_eta, m_k, m_specular_reflectance, m_alpha_u, m_alpha_v, m_tables,
+                   m_losses)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have

@@ -34,6 +34,8 @@
 //! [`shape`] → [`partial_moment`] (on [`exponent`], [`gamma_ratio`]) → [`skewed_t`] behind the trait [`profile::Profile`] → [`masking`]
 //! → [`lambda_table`], [`visible_table`] → [`ndf`] → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
 
+pub mod albedo;
+pub mod albedo_table;
 pub mod azimuth;
 pub mod bridge;
 pub mod error;
