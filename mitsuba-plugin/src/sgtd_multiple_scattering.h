@@ -60,24 +60,24 @@ template <typename Float_> struct SgtdMultipleScattering {
                      dr::exp2(dr::fmadd(average_u, dr::log(u / alpha_u),
                                         dr::fmadd(average_v, dr::log(v / alpha_v), average))) };
         // Two textures: the isotropic roughness that is closest for slopes across the view
-        Float alpha     = .5f * (u + v);
-        auto [cell, t]  = locate(1.f - dr::log2(relative(alpha)) * inv_least_log, Average);
-        UInt32 k        = 4 * Grid * Grid + cell;
-        Float low       = dr::gather<Float>(table, k), high = dr::gather<Float>(table, k + 1u);
+        Float alpha    = .5f * (u + v);
+        auto [cell, t] = locate(1.f - dr::log2(relative(alpha)) * inv_least_log, Average);
+        UInt32 k       = 4 * Grid * Grid + cell;
+        Float low = dr::gather<Float>(table, k), high = dr::gather<Float>(table, k + 1u);
         return { alpha, alpha, dr::exp2(dr::fmadd(t, high - low, low)) };
     }
 
     /// 1 - E(w), w.z > 0.
     template <typename Vector> Float loss(const Surface &s, const Vector &w) const {
         Float sin2 = dr::maximum(dr::square(w.x()) + dr::square(w.y()), 1e-18f),
-              sin  = dr::sqrt(sin2), along = s.alpha_u;
+              sin = dr::sqrt(sin2), along = s.alpha_u;
         if (fixed) {
             Float square = dr::square(s.alpha_u * w.x()) + dr::square(s.alpha_v * w.y());
-            along = dr::sqrt(dr::maximum(square / sin2, 1e-18f));
+            along        = dr::sqrt(dr::maximum(square / sin2, 1e-18f));
         }
         Float ratio = w.z() / dr::fmadd(sin, compressed(along), w.z()),
               v     = dr::exp2(power * dr::log2(dr::clip(ratio, 1e-30f, 1.f)));
-        Float root = fixed ? read_pair(s, w, v) : read_isotropic(v, dr::sqrt(relative(s.alpha_u)));
+        Float root  = fixed ? read_pair(s, w, v) : read_isotropic(v, dr::sqrt(relative(s.alpha_u)));
         return dr::square(dr::clip(root, 0.f, 1.f));
     }
 
@@ -101,8 +101,7 @@ template <typename Float_> struct SgtdMultipleScattering {
      * Off by at most 7e-4 for k >= 1; where k is below 0.1 and eta below 1, which no metal is at
      * visible wavelengths, F has a bend that costs up to 0.1.
      */
-    template <typename Spectrum>
-    static Spectrum average_fresnel(const dr::Complex<Spectrum> &eta) {
+    template <typename Spectrum> static Spectrum average_fresnel(const dr::Complex<Spectrum> &eta) {
         constexpr float Nodes[4]   = { 0.139759864f, 0.416409568f, 0.723156986f, 0.942895804f },
                         Weights[4] = { 0.0623619419f, 0.259695095f, 0.406929136f, 0.271013827f };
         Spectrum sum(0.f);

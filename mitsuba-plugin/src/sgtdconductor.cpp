@@ -246,9 +246,9 @@ public:
         bs.sampled_type      = +BSDFFlags::GlossyReflection;
         if (m_multiple_scattering) {
             // One of the lobes gives the direction, both of them its value and density
-            Float lost    = m_losses.loss(loss_surface(alpha_u, alpha_v), si.wi);
-            Mask again    = visible && sample1 < lost;
-            bs.wo         = dr::select(again, warp::square_to_cosine_hemisphere(sample2), bs.wo);
+            Float lost = m_losses.loss(loss_surface(alpha_u, alpha_v), si.wi);
+            Mask again = visible && sample1 < lost;
+            bs.wo      = dr::select(again, warp::square_to_cosine_hemisphere(sample2), bs.wo);
             auto [value, pdf] = evaluate<true, true>(ctx, si, bs.wo, again || active);
             bs.pdf            = pdf;
             return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
@@ -613,7 +613,8 @@ private:
                                  const Float &alpha_u, const Float &alpha_v, const Mask &active,
                                  Spectrum &value, Float &pdf) const {
         auto surface = loss_surface(alpha_u, alpha_v);
-        Float lost = m_losses.loss(surface, si.wi), cosine = dr::InvPi<Float> * Frame3f::cos_theta(wo);
+        Float lost   = m_losses.loss(surface, si.wi),
+              cosine = dr::InvPi<Float> * Frame3f::cos_theta(wo);
         if constexpr (Value) {
             dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
             UnpolarizedSpectrum result = m_losses.tint(surface.average_loss, eta) *

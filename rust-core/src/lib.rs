@@ -48,6 +48,7 @@ pub mod ndf;
 pub mod partial_moment;
 pub mod profile;
 pub mod quadrature;
+pub mod random_walk;
 pub mod shape;
 pub mod skewed_t;
 pub mod visible_table;
