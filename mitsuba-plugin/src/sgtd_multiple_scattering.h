@@ -30,8 +30,8 @@ template <typename Float_> struct SgtdMultipleScattering {
 
     /// Is the table for one pair of roughnesses, or for every isotropic one?
     bool fixed = false;
-    /// Median slope; exponent of the view's coordinate
-    Float slope, power;
+    /// Median slope; exponents of the view's coordinate at the horizon and along the normal
+    Float slope, power, end;
     /// Of isotropic tables: 1 / w^2 at the greatest roughness, 1 / log2(w^2) at the least one
     Float inv_greatest, inv_least_log;
     /// Of tables for one pair: the pair, log2(1 - E_avg), derivatives by the pair's logarithms
@@ -76,9 +76,31 @@ template <typename Float_> struct SgtdMultipleScattering {
             along        = dr::sqrt(dr::maximum(square / sin2, 1e-18f));
         }
         Float ratio = w.z() / dr::fmadd(sin, compressed(along), w.z()),
-              v     = dr::exp2(power * dr::log2(dr::clip(ratio, 1e-30f, 1.f)));
+              near  = dr::exp2(power * dr::log2(dr::clip(ratio, 1e-30f, 1.f))),
+              v     = 1.f - dr::exp2(end * dr::log2(dr::maximum(1.f - near, 1e-7f)));
         Float root  = fixed ? read_pair(s, w, v) : read_isotropic(v, dr::sqrt(relative(s.alpha_u)));
         return dr::square(dr::clip(root, 0.f, 1.f));
+    }
+
+    /**
+     * Draws a direction for the lobe, by u and by two more random numbers: half of them in
+     * proportion to the cosine, half to cos / (c^2 + cos^2)^2, which follows the losses of low
+     * roughness towards the horizon.
+     */
+    template <typename Point> auto sample(const Surface &s, const Float &u, const Point &p) const {
+        using Vector3 = Vector<Float, 3>;
+        Float c2 = dr::square(lobe_width(s)), y = p.x() / (1.f + c2),
+              square            = dr::select(u < .5f, p.x(), dr::minimum(c2 * y / (1.f - y), 1.f)),
+              sine              = dr::sqrt(1.f - square);
+        auto [sin_phi, cos_phi] = dr::sincos(dr::TwoPi<Float> * p.y());
+        return Vector3(sine * cos_phi, sine * sin_phi, dr::sqrt(square));
+    }
+
+    /// Its density per solid angle.
+    template <typename Vector> Float pdf(const Surface &s, const Vector &w) const {
+        Float c2 = dr::square(lobe_width(s));
+        return w.z() * dr::InvPi<Float> *
+               dr::fmadd(.5f * (1.f + c2), c2 / dr::square(dr::fmadd(w.z(), w.z(), c2)), .5f);
     }
 
     /**
@@ -120,6 +142,7 @@ private:
         result.fixed         = fixed;
         result.slope         = (float)losses.slope;
         result.power         = (float)losses.power;
+        result.end           = (float)losses.end;
         result.inv_greatest  = (float)(1.0 / losses.greatest);
         result.inv_least_log = (float)(1.0 / losses.least_log);
         result.alpha_u       = (float)alpha_u;
@@ -129,10 +152,15 @@ private:
         result.average_v     = (float)losses.average_v;
         result.table         = dr::load<FloatBuffer>(losses.table.data(), losses.table.size());
         if constexpr (dr::is_jit_v<Float>)
-            dr::make_opaque(result.slope, result.power, result.inv_greatest, result.inv_least_log,
-                            result.alpha_u, result.alpha_v, result.average, result.average_u,
-                            result.average_v, result.table);
+            dr::make_opaque(result.slope, result.power, result.end, result.inv_greatest,
+                            result.inv_least_log, result.alpha_u, result.alpha_v, result.average,
+                            result.average_u, result.average_v, result.table);
         return result;
+    }
+
+    /// The cosine at which losses end
+    Float lobe_width(const Surface &s) const {
+        return dr::maximum(compressed(.5f * (s.alpha_u + s.alpha_v)), 1e-4f);
     }
 
     Float compressed(const Float &alpha) const {
@@ -195,7 +223,7 @@ private:
     }
 
 public:
-    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, inv_greatest, inv_least_log, alpha_u,
+    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, inv_greatest, inv_least_log, alpha_u,
                  alpha_v, average, average_u, average_v, table)
 };
 

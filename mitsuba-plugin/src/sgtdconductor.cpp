@@ -1,5 +1,4 @@
 #include <mitsuba/core/string.h>
-#include <mitsuba/core/warp.h>
 #include <mitsuba/render/bsdf.h>
 #include <mitsuba/render/fresnel.h>
 #include <mitsuba/render/ior.h>
@@ -246,9 +245,12 @@ public:
         bs.sampled_type      = +BSDFFlags::GlossyReflection;
         if (m_multiple_scattering) {
             // One of the lobes gives the direction, both of them its value and density
-            Float lost = m_losses.loss(loss_surface(alpha_u, alpha_v), si.wi);
-            Mask again = visible && sample1 < lost;
-            bs.wo      = dr::select(again, warp::square_to_cosine_hemisphere(sample2), bs.wo);
+            auto surface = loss_surface(alpha_u, alpha_v);
+            Float lost   = m_losses.loss(surface, si.wi);
+            Mask again   = visible && sample1 < lost;
+            bs.wo        = dr::select(
+                again, m_losses.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
+                bs.wo);
             auto [value, pdf] = evaluate<true, true>(ctx, si, bs.wo, again || active);
             bs.pdf            = pdf;
             return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
@@ -613,19 +615,19 @@ private:
                                  const Float &alpha_u, const Float &alpha_v, const Mask &active,
                                  Spectrum &value, Float &pdf) const {
         auto surface = loss_surface(alpha_u, alpha_v);
-        Float lost   = m_losses.loss(surface, si.wi),
-              cosine = dr::InvPi<Float> * Frame3f::cos_theta(wo);
+        Float lost   = m_losses.loss(surface, si.wi);
         if constexpr (Value) {
             dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
-            UnpolarizedSpectrum result = m_losses.tint(surface.average_loss, eta) *
-                                         (lost * m_losses.loss(surface, wo) * cosine /
-                                          dr::maximum(surface.average_loss, 1e-30f));
+            UnpolarizedSpectrum result =
+                m_losses.tint(surface.average_loss, eta) *
+                (dr::InvPi<Float> * Frame3f::cos_theta(wo) * lost * m_losses.loss(surface, wo) /
+                 dr::maximum(surface.average_loss, 1e-30f));
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, active);
             value += depolarizer<Spectrum>(result) & active;
         }
         if constexpr (Pdf)
-            pdf = dr::select(active, dr::lerp(pdf, cosine, lost), 0.f);
+            pdf = dr::select(active, dr::lerp(pdf, m_losses.pdf(surface, wo), lost), 0.f);
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if

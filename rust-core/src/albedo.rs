@@ -194,6 +194,8 @@ fn panel_edges(profile: &dyn Profile) -> Vec<f64> {
 struct TailMoments {
     /// (ρ, both integrals, both integrands)
     points: Vec<(f64, [f64; 2], [f64; 2])>,
+    /// By how much the exponent of a power tail exceeds 3.
+    excess: Option<f64>,
 }
 
 /// Points per panel: cubics in between are then good to 1e-6.
@@ -216,13 +218,14 @@ impl TailMoments {
             let f = rho * profile.f(rho);
             [f, rho * f]
         };
-        let mut sums = match profile.tail() {
-            Tail::Power { excess, .. } => {
-                let mass = profile.f(last) * last * last;
-                [mass / (1.0 + excess), mass * last / excess]
-            }
-            Tail::Exponential => [0.0, 0.0],
+        let excess = match profile.tail() {
+            Tail::Power { excess, .. } => Some(excess),
+            Tail::Exponential => None,
         };
+        let mut sums = excess.map_or([0.0; 2], |excess| {
+            let mass = profile.f(last) * last * last;
+            [mass / (1.0 + excess), mass * last / excess]
+        });
         let mut points = vec![(last, sums, integrands(last))];
         for ends in rhos.windows(2).rev() {
             let width = ends[1] - ends[0];
@@ -234,13 +237,17 @@ impl TailMoments {
             points.push((ends[0], sums, integrands(ends[0])));
         }
         points.reverse();
-        Self { points }
+        Self { points, excess }
     }
 
     fn at(&self, rho: f64) -> [f64; 2] {
         let next = self.points.partition_point(|point| point.0 <= rho);
         if next == self.points.len() {
-            return [0.0, 0.0];
+            let (last, [first, second], _) = self.points[next - 1];
+            return self.excess.map_or([0.0; 2], |excess| {
+                let fall = (rho / last).powf(-excess);
+                [first * fall * (last / rho), second * fall]
+            });
         }
         let (left, right) = (&self.points[next.max(1) - 1], &self.points[next]);
         let width = right.0 - left.0;

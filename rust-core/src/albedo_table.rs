@@ -1,7 +1,7 @@
 //! The energy lost by single scattering, tabulated for one shape.
 //!
 //! What is stored is `√(1 − E)`: its square cannot leave 0 … 1 by interpolation and keeps its digits where almost nothing is
-//! lost. A view enters as `v = (cot/(cot + c))^q`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
+//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
 //! masking alone and at high roughness one of the angle; a roughness as `w = √(αx/(αx + 1))`. x is the median slope of the shape. In
 //! these coordinates the loss has a limit at every edge, and w covers all roughness from 0 to ∞.
 //!
@@ -83,22 +83,30 @@ pub struct Coordinates {
     pub slope: f64,
     /// q, at most a half: heavy tails make E like a power of the cotangent towards the horizon.
     pub power: f64,
+    /// e, at most 1: they make √(1 − E) like a power of the slope of the view along the normal.
+    pub end: f64,
 }
 
 impl Coordinates {
     fn new(ndf: &Ndf, shadowing: Shadowing) -> Self {
         let profile = ndf.profile();
-        let power = match (profile.tail(), shadowing) {
-            (Tail::Power { excess, .. }, Shadowing::HeightCorrelated) => (0.5 * excess).clamp(0.1, 0.5),
-            (Tail::Power { excess, .. }, Shadowing::Separable) => (0.5 + 0.5 * excess).clamp(0.1, 0.5),
-            (Tail::Exponential, _) => 0.5,
+        let (power, end) = match profile.tail() {
+            Tail::Power { excess, .. } => {
+                let more = if shadowing == Shadowing::Separable { 0.2 } else { 0.0 };
+                ((more + 0.5 * excess).clamp(0.25, 0.5), (0.5 + 0.5 * excess).min(1.0))
+            }
+            Tail::Exponential => (0.5, 1.0),
         };
-        Self { slope: profile.quantile(0.5), power }
+        Self { slope: profile.quantile(0.5), power, end }
     }
 
     /// v of a view with this cotangent.
     pub fn view(&self, cot: f64, along: f64) -> f64 {
-        if cot.is_finite() { (cot / (cot + self.half(along))).powf(self.power) } else { 1.0 }
+        if cot.is_finite() {
+            1.0 - (1.0 - (cot / (cot + self.half(along))).powf(self.power)).powf(self.end)
+        } else {
+            1.0
+        }
     }
     /// w of a roughness, from 0 at no roughness to 1 at the greatest.
     pub fn roughness(&self, alpha: f64) -> f64 {
@@ -126,12 +134,12 @@ impl Coordinates {
         if x + y > 0.0 { y / (x + y) } else { 0.0 }
     }
 
-    /// The cotangent at which v^(1/q) is a half.
+    /// c
     fn half(&self, along: f64) -> f64 {
         self.compressed(along)
     }
     fn cotangent_at(&self, v: f64, along: f64) -> f64 {
-        let ratio = v.powf(1.0 / self.power);
+        let ratio = (1.0 - (1.0 - v).powf(1.0 / self.end)).powf(1.0 / self.power);
         if ratio < 1.0 { self.half(along) * ratio / (1.0 - ratio) } else { f64::INFINITY }
     }
     fn roughness_at(&self, w: f64) -> f64 {

@@ -70,6 +70,7 @@ mod ffi {
     struct AlbedoHeader {
         slope: f64,
         power: f64,
+        end: f64,
         greatest: f64,
         least_log: f64,
         average_log: f64,
@@ -193,6 +194,7 @@ impl AlbedoTable {
         AlbedoHeader {
             slope: coordinates.slope,
             power: coordinates.power,
+            end: coordinates.end,
             greatest: coordinates.greatest(),
             least_log: coordinates.least_log(),
             average_log: average.map_or(0.0, |average| average.log),
