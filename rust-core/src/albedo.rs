@@ -102,8 +102,7 @@ impl<'a> SingleScattering<'a> {
         let area = a + masked;
         let mut lost = 0.0;
         // symmetric in y without shear
-        let quarters: &[f64] =
-            if view.shear == 0.0 { &[0.0, 1.0] } else { &[-2.0, -1.0, 0.0, 1.0] };
+        let quarters: &[f64] = if view.shear == 0.0 { &[0.0, 1.0] } else { &[-2.0, -1.0, 0.0, 1.0] };
         for &quarter in quarters {
             for &(t, weight) in gauss(self.rule.azimuthal).nodes() {
                 let (y, x) = (FRAC_PI_2 * (quarter + t)).sin_cos();
@@ -115,13 +114,7 @@ impl<'a> SingleScattering<'a> {
     }
 
     /// `∫ ρ f (a + ρ x)⁺ (1 − G) dρ` along one azimuth.
-    fn along_azimuth(
-        &self,
-        view: &View,
-        (sin, cos): (f64, f64),
-        (a, masked): (f64, f64),
-        (x, y): (f64, f64),
-    ) -> f64 {
+    fn along_azimuth(&self, view: &View, (sin, cos): (f64, f64), (a, masked): (f64, f64), (x, y): (f64, f64)) -> f64 {
         let (slope_x, slope_y) = (view.along * x, view.shear * x + view.across * y);
         let square = slope_x * slope_x + slope_y * slope_y;
         // end of the radius: z s² ρ² − 2 sin s_x ρ − z < 0
@@ -177,7 +170,10 @@ fn panel_edges(profile: &dyn Profile) -> Vec<f64> {
     let mut edges = vec![0.0];
     let mut left = 0.0;
     for &right in &breaks {
-        if profile.cdf(right) - profile.cdf(left) < LEAST_SHARE && profile.sf(right) > 0.1 && !profile.cusps().contains(&right) {
+        if profile.cdf(right) - profile.cdf(left) < LEAST_SHARE
+            && profile.sf(right) > 0.1
+            && !profile.cusps().contains(&right)
+        {
             continue;
         }
         let pieces = if left > 0.0 { ((right / left).ln() / RATIO.ln()).ceil().max(1.0) as i32 } else { 1 };

@@ -92,8 +92,9 @@ impl Coordinates {
         let profile = ndf.profile();
         let (power, end) = match profile.tail() {
             Tail::Power { excess, .. } => {
+                // correlated masking is complete at the horizon, whatever the tail: E rises from there like a power of it
                 let more = if shadowing == Shadowing::Separable { 0.2 } else { 0.0 };
-                ((more + 0.5 * excess).clamp(0.25, 0.5), (0.5 + 0.5 * excess).min(1.0))
+                ((more + 0.5 * excess).clamp(0.1, 0.5), (0.5 + 0.5 * excess).min(1.0))
             }
             Tail::Exponential => (0.5, 1.0),
         };
@@ -231,11 +232,8 @@ impl AlbedoTable {
             let turned = turn(&along_first(&nodes_v, &values, VIEWS.0), VIEWS.0);
             turn(&along_first(&nodes_azimuth, &turned, VIEWS.1), VIEWS.1)
         };
-        let stepped = [
-            alpha,
-            Roughness { u: alpha.u * (1.0 + STEP), ..alpha },
-            Roughness { v: alpha.v * (1.0 + STEP), ..alpha },
-        ];
+        let stepped =
+            [alpha, Roughness { u: alpha.u * (1.0 + STEP), ..alpha }, Roughness { v: alpha.v * (1.0 + STEP), ..alpha }];
         let step = STEP.ln_1p();
         let coarse = stepped.map(|alpha| fill(ANISOTROPIC_POINTS[0], alpha));
         let average = Average { log: 0.0, slopes: [0.0; 2] };

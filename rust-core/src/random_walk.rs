@@ -182,7 +182,8 @@ impl Steps {
         let step = self.before.partition_point(|&area| area <= target) - 1;
         if step >= self.bounds.len() {
             let (_, exponent) = self.tail?;
-            return Some(self.edges[last].max(a) * (1.0 - random()).powf(-1.0 / exponent)).filter(|rho| rho.is_finite());
+            return Some(self.edges[last].max(a) * (1.0 - random()).powf(-1.0 / exponent))
+                .filter(|rho| rho.is_finite());
         }
         let (left, width) = (self.edges[step], self.edges[step + 1] - self.edges[step]);
         let past = width * random();
