@@ -121,6 +121,7 @@ static Losses to_host(const sgtd::AlbedoTable &core) {
     result.slope       = header.slope;
     result.power       = header.power;
     result.end         = header.end;
+    result.spread      = header.spread;
     result.greatest    = header.greatest;
     result.least_log   = header.least_log;
     result.average_log = header.average_log;

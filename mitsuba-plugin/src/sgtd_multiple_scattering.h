@@ -32,8 +32,9 @@ template <typename Float_> struct SgtdMultipleScattering {
     bool fixed = false;
     /// Median slope; exponents of the view's coordinate at the horizon and along the normal
     Float slope, power, end;
-    /// Of isotropic tables: 1 / w^2 at the greatest roughness, 1 / log2(w^2) at the least one
-    Float inv_greatest, inv_least_log;
+    /// Of isotropic tables: exponent of the roughness' coordinate, its inverse at the greatest
+    /// roughness, and that of its logarithm at the least one
+    Float spread, inv_greatest, inv_least_log;
     /// Of tables for one pair: the pair, log2(1 - E_avg), derivatives by the pair's logarithms
     Float alpha_u, alpha_v, average, average_u, average_v;
     FloatBuffer table;
@@ -78,7 +79,8 @@ template <typename Float_> struct SgtdMultipleScattering {
         Float ratio = w.z() / dr::fmadd(sin, compressed(along), w.z()),
               near  = dr::exp2(power * dr::log2(dr::clip(ratio, 1e-30f, 1.f))),
               v     = 1.f - dr::exp2(end * dr::log2(dr::maximum(1.f - near, 1e-7f)));
-        Float root  = fixed ? read_pair(s, w, v) : read_isotropic(v, dr::sqrt(relative(s.alpha_u)));
+        Float root  = fixed ? read_pair(s, w, v)
+                            : read_isotropic(v, dr::exp2(spread * dr::log2(relative(s.alpha_u))));
         return dr::square(dr::clip(root, 0.f, 1.f));
     }
 
@@ -143,6 +145,7 @@ private:
         result.slope         = (float)losses.slope;
         result.power         = (float)losses.power;
         result.end           = (float)losses.end;
+        result.spread        = (float)losses.spread;
         result.inv_greatest  = (float)(1.0 / losses.greatest);
         result.inv_least_log = (float)(1.0 / losses.least_log);
         result.alpha_u       = (float)alpha_u;
@@ -152,9 +155,10 @@ private:
         result.average_v     = (float)losses.average_v;
         result.table         = dr::load<FloatBuffer>(losses.table.data(), losses.table.size());
         if constexpr (dr::is_jit_v<Float>)
-            dr::make_opaque(result.slope, result.power, result.end, result.inv_greatest,
-                            result.inv_least_log, result.alpha_u, result.alpha_v, result.average,
-                            result.average_u, result.average_v, result.table);
+            dr::make_opaque(result.slope, result.power, result.end, result.spread,
+                            result.inv_greatest, result.inv_least_log, result.alpha_u,
+                            result.alpha_v, result.average, result.average_u, result.average_v,
+                            result.table);
         return result;
     }
 
@@ -168,7 +172,7 @@ private:
         return x / (1.f + x);
     }
 
-    /// w^2 of a roughness
+    /// alpha x / (1 + alpha x), 1 at the greatest roughness
     Float relative(const Float &alpha) const {
         return dr::clip(compressed(alpha) * inv_greatest, 1e-12f, 1.f);
     }
@@ -223,8 +227,8 @@ private:
     }
 
 public:
-    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, inv_greatest, inv_least_log, alpha_u,
-                 alpha_v, average, average_u, average_v, table)
+    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, spread, inv_greatest, inv_least_log,
+                 alpha_u, alpha_v, average, average_u, average_v, table)
 };
 
 NAMESPACE_END(mitsuba)

@@ -2,8 +2,8 @@
 //!
 //! What is stored is `√(1 − E)`: its square cannot leave 0 … 1 by interpolation and keeps its digits where almost nothing is
 //! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
-//! masking alone and at high roughness one of the angle; a roughness as `w = √(αx/(αx + 1))`. x is the median slope of the shape. In
-//! these coordinates the loss has a limit at every edge, and w covers all roughness from 0 to ∞.
+//! masking alone and at high roughness one of the angle; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
+//! these coordinates the loss has a limit at every edge, and power laws of heavy tails are as smooth as others.
 //!
 //! * **Isotropic** tables hold any roughness: bicubic Hermite polynomials over (v, w), so textures and derivatives need nothing else.
 //! * **Anisotropic** tables hold one pair of roughnesses: over v and the azimuth, as value and derivatives with respect to
@@ -85,20 +85,26 @@ pub struct Coordinates {
     pub power: f64,
     /// e, at most 1: they make √(1 − E) like a power of the slope of the view along the normal.
     pub end: f64,
+    /// s, at most a half: and a power of the roughness, seen from the horizon.
+    pub spread: f64,
 }
 
 impl Coordinates {
     fn new(ndf: &Ndf, shadowing: Shadowing) -> Self {
         let profile = ndf.profile();
-        let (power, end) = match profile.tail() {
+        let (power, end, spread) = match profile.tail() {
             Tail::Power { excess, .. } => {
                 // correlated masking is complete at the horizon, whatever the tail: E rises from there like a power of it
                 let more = if shadowing == Shadowing::Separable { 0.2 } else { 0.0 };
-                ((more + 0.5 * excess).clamp(0.1, 0.5), (0.5 + 0.5 * excess).min(1.0))
+                (
+                    (more + 0.5 * excess).clamp(0.1, 0.5),
+                    (0.5 + 0.5 * excess).min(1.0),
+                    (0.1 + 0.8 * excess).clamp(0.2, 0.5),
+                )
             }
-            Tail::Exponential => (0.5, 1.0),
+            Tail::Exponential => (0.5, 1.0, 0.5),
         };
-        Self { slope: profile.quantile(0.5), power, end }
+        Self { slope: profile.quantile(0.5), power, end, spread }
     }
 
     /// v of a view with this cotangent.
@@ -111,17 +117,18 @@ impl Coordinates {
     }
     /// w of a roughness, from 0 at no roughness to 1 at the greatest.
     pub fn roughness(&self, alpha: f64) -> f64 {
-        (self.compressed(alpha) / self.compressed(GREATEST_ALPHA)).sqrt()
+        (self.compressed(alpha) / self.compressed(GREATEST_ALPHA)).powf(self.spread)
     }
-    /// `log₂ w²`, from 0 at the least roughness to 1 at the greatest.
+    /// `ln w`, from 0 at the least roughness to 1 at the greatest.
     pub fn log_roughness(&self, alpha: f64) -> f64 {
-        (1.0 - 2.0 * self.roughness(alpha).log2() / self.least_log()).clamp(0.0, 1.0)
+        let log = (self.compressed(alpha) / self.greatest()).log2();
+        (1.0 - log / self.least_log()).clamp(0.0, 1.0)
     }
-    /// `log₂ w²` at the least roughness.
+    /// `log₂ w^(1/s)` at the least roughness.
     pub fn least_log(&self) -> f64 {
-        2.0 * self.roughness(LEAST_ALPHA).log2()
+        (self.compressed(LEAST_ALPHA) / self.greatest()).log2()
     }
-    /// w² at the greatest roughness, before it was scaled to 1.
+    /// w^(1/s) at the greatest roughness, before it was scaled to 1.
     pub fn greatest(&self) -> f64 {
         self.compressed(GREATEST_ALPHA)
     }
@@ -145,11 +152,14 @@ impl Coordinates {
     }
     fn roughness_at(&self, w: f64) -> f64 {
         // not 0, where the quadrature has nothing to stretch
-        let square = (w * w).max(1e-9) * self.greatest();
-        square / (1.0 - square) / self.slope
+        self.expanded(w.powf(1.0 / self.spread).max(1e-9) * self.greatest())
     }
     fn roughness_at_log(&self, log: f64) -> f64 {
-        self.roughness_at((0.5 * (1.0 - log) * self.least_log()).exp2())
+        self.expanded(((1.0 - log) * self.least_log()).exp2() * self.greatest())
+    }
+    /// Inverse of `compressed`.
+    fn expanded(&self, x: f64) -> f64 {
+        x / (1.0 - x) / self.slope
     }
     /// The horizontal direction with this azimuth.
     fn direction_at(azimuth: f64, alpha: Roughness) -> DVec3 {
