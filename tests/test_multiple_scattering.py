@@ -70,10 +70,25 @@ def test_white_furnace(llvm, row, masking):
 
 
 @pytest.mark.parametrize("row", ["sgtd", "student", "ggx_centered", "beckmann_centered"])
-def test_white_furnace_in_scalar_code(scalar, row):
+def test_white_furnace_rendered(variant, row):
+    """A plate under a sky of radiance 1, seen at 50 degrees, by the path tracer, which samples the sky as well; noise is 4e-4."""
     for roughness in (dict(alpha=0.4), dict(alpha_u=0.9, alpha_v=0.2)):
-        whole = albedo(material(**ROWS[row], **roughness), sc.direction(50.0, AZIMUTH), 40_000)
-        assert whole == pytest.approx(1.0, abs=1e-3)
+        origin = [float(10.0 * c) for c in sc.direction(50.0, AZIMUTH)]
+        scene = mi.load_dict(
+            {
+                "type": "scene",
+                "sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}},
+                "plate": {"type": "rectangle", "bsdf": material(**ROWS[row], **roughness)},
+                "camera": {
+                    "type": "perspective",
+                    "fov": 0.5,
+                    "to_world": mi.ScalarTransform4f().look_at(origin=origin, target=[0, 0, 0], up=[0, 0, 1]),
+                    "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
+                },
+            }
+        )
+        image = mi.render(scene, spp=4096, integrator=mi.load_dict({"type": "path", "max_depth": 2}))
+        assert np.array(image).astype(np.float64).mean() == pytest.approx(1.0, abs=1.5e-3)
 
 
 def test_a_furnace_without_the_lobe_is_dark(llvm):
@@ -168,7 +183,7 @@ def test_samples_follow_the_density(llvm, row, visible):
 
 
 def traced(bsdf):
-    """Operations of the kernels of one evaluation and one sample, and the number of variables that they read."""
+    """Operations in the kernels of one evaluation and one sample."""
     si = interaction(sc.direction(40.0), 1024)
     u = mi.Float(np.linspace(0.01, 0.99, 1024, dtype=np.float32))
     wo = dr.normalize(mi.Vector3f(u, 0.3, 1.0))
@@ -178,16 +193,16 @@ def traced(bsdf):
         dr.eval(bsdf.eval_pdf(mi.BSDFContext(), si, wo))
         dr.eval(bsdf.sample(mi.BSDFContext(), si, u, mi.Point2f(u, u)))
         kernels = [entry for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT]
-    return [(entry["operation_count"], entry["hash"]) for entry in kernels]
+    return [entry["operation_count"] for entry in kernels]
 
 
 @pytest.mark.parametrize("row", ["sgtd", "ggx_centered"])
 def test_what_is_not_used_costs_nothing(llvm, row):
-    """Off and absent are the same kernels and the same variables; on is more of both, which shows that they are counted."""
+    """Off and absent are the same kernels; on is more, which shows that it is counted."""
     absent, off = sc.load(**ROWS[row], alpha=0.3), material(multiple=False, **ROWS[row], alpha=0.3)
     on = material(**ROWS[row], alpha=0.3)
     assert traced(absent) == traced(off)
-    assert sum(count for count, _ in traced(on)) > 1.1 * sum(count for count, _ in traced(off))
+    assert sum(traced(on)) > 1.1 * sum(traced(off))
     assert mi.traverse(off).keys() == mi.traverse(on).keys()
 
 

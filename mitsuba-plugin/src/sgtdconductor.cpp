@@ -196,7 +196,8 @@ public:
             shape |= string::contains(keys, parameter.name);
         if (shape)
             update_shape();
-        if (shape || (m_losses.fixed && string::contains(keys, "alpha")))
+        if (shape || (m_losses.fixed &&
+                      (string::contains(keys, "alpha_u") || string::contains(keys, "alpha_v"))))
             update_losses();
         update_flags();
     }
