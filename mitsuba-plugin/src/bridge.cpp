@@ -118,16 +118,17 @@ static Losses to_host(const sgtd::AlbedoTable &core) {
     sgtd::AlbedoHeader header     = core.albedo_header();
     rust::Slice<const float> flat = core.flat();
     Losses result;
-    result.slope       = header.slope;
-    result.power       = header.power;
-    result.end         = header.end;
-    result.spread      = header.spread;
-    result.greatest    = header.greatest;
-    result.least_log   = header.least_log;
-    result.average_log = header.average_log;
-    result.average_u   = header.average_u;
-    result.average_v   = header.average_v;
-    result.reached     = header.reached;
+    result.slope          = header.slope;
+    result.power          = header.power;
+    result.end            = header.end;
+    result.spread         = header.spread;
+    result.greatest       = header.greatest;
+    result.least_alpha    = header.least_alpha;
+    result.greatest_alpha = header.greatest_alpha;
+    result.average_log    = header.average_log;
+    result.average_u      = header.average_u;
+    result.average_v      = header.average_v;
+    result.reached        = header.reached;
     result.table.assign(flat.begin(), flat.end());
     return result;
 }

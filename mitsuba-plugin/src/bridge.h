@@ -58,7 +58,7 @@ struct Tables {
 
 /// What single scattering loses: numbers and an array from which 1 - E can be evaluated.
 struct Losses {
-    double slope, power, end, spread, greatest, least_log;
+    double slope, power, end, spread, greatest, least_alpha, greatest_alpha;
     /// log2(1 - E_avg) of one pair of roughnesses, and its derivatives by their logarithms
     double average_log, average_u, average_v;
     /// Greatest error of E that was measured

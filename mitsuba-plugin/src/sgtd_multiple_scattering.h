@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cmath>
+
 #include <mitsuba/core/fwd.h>
 #include <mitsuba/core/logger.h>
 #include <mitsuba/render/fresnel.h>
@@ -26,15 +28,15 @@ template <typename Float_> struct SgtdMultipleScattering {
     using FloatBuffer = DynamicBuffer<Float>;
 
     /// Sizes of the grids. The core has the same constants; `load` compares.
-    static constexpr uint32_t Grid = 32, Average = 256, Views = 128, Azimuths = 32;
+    static constexpr uint32_t Grid = 32, Average = 512, Views = 128, Azimuths = 32;
 
     /// Is the table for one pair of roughnesses, or for every isotropic one?
     bool fixed = false;
     /// Median slope; exponents of the view's coordinate at the horizon and along the normal
     Float slope, power, end;
-    /// Of isotropic tables: exponent of the roughness' coordinate, its inverse at the greatest
-    /// roughness, and that of its logarithm at the least one
-    Float spread, inv_greatest, inv_least_log;
+    /// Of isotropic tables: exponent of the roughness' coordinate, and its inverse at the greatest
+    /// roughness; that roughness inverted, and the inverse of log2(least / greatest roughness)
+    Float spread, inv_greatest, inv_greatest_alpha, inv_least_log;
     /// Of tables for one pair: the pair, log2(1 - E_avg), derivatives by the pair's logarithms
     Float alpha_u, alpha_v, average, average_u, average_v;
     FloatBuffer table;
@@ -61,9 +63,10 @@ template <typename Float_> struct SgtdMultipleScattering {
                      dr::exp2(dr::fmadd(average_u, dr::log(u / alpha_u),
                                         dr::fmadd(average_v, dr::log(v / alpha_v), average))) };
         // Two textures: the isotropic roughness that is closest for slopes across the view
-        Float alpha    = .5f * (u + v);
-        auto [cell, t] = locate(1.f - dr::log2(relative(alpha)) * inv_least_log, Average);
-        UInt32 k       = 4 * Grid * Grid + cell;
+        Float alpha = .5f * (u + v);
+        auto [cell, t] =
+            locate(1.f - dr::log2(alpha * inv_greatest_alpha) * inv_least_log, Average);
+        UInt32 k  = 4 * Grid * Grid + cell;
         Float low = dr::gather<Float>(table, k), high = dr::gather<Float>(table, k + 1u);
         return { alpha, alpha, dr::exp2(dr::fmadd(t, high - low, low)) };
     }
@@ -141,13 +144,14 @@ private:
             Throw("sgtd: the table of losses does not have the layout that this plugin was built "
                   "for; rebuild the package.");
         SgtdMultipleScattering result;
-        result.fixed         = fixed;
-        result.slope         = (float)losses.slope;
-        result.power         = (float)losses.power;
-        result.end           = (float)losses.end;
-        result.spread        = (float)losses.spread;
-        result.inv_greatest  = (float)(1.0 / losses.greatest);
-        result.inv_least_log = (float)(1.0 / losses.least_log);
+        result.fixed              = fixed;
+        result.slope              = (float)losses.slope;
+        result.power              = (float)losses.power;
+        result.end                = (float)losses.end;
+        result.spread             = (float)losses.spread;
+        result.inv_greatest       = (float)(1.0 / losses.greatest);
+        result.inv_greatest_alpha = (float)(1.0 / losses.greatest_alpha);
+        result.inv_least_log = (float)(1.0 / std::log2(losses.least_alpha / losses.greatest_alpha));
         result.alpha_u       = (float)alpha_u;
         result.alpha_v       = (float)alpha_v;
         result.average       = (float)losses.average_log;
@@ -156,9 +160,9 @@ private:
         result.table         = dr::load<FloatBuffer>(losses.table.data(), losses.table.size());
         if constexpr (dr::is_jit_v<Float>)
             dr::make_opaque(result.slope, result.power, result.end, result.spread,
-                            result.inv_greatest, result.inv_least_log, result.alpha_u,
-                            result.alpha_v, result.average, result.average_u, result.average_v,
-                            result.table);
+                            result.inv_greatest, result.inv_greatest_alpha, result.inv_least_log,
+                            result.alpha_u, result.alpha_v, result.average, result.average_u,
+                            result.average_v, result.table);
         return result;
     }
 
@@ -227,8 +231,9 @@ private:
     }
 
 public:
-    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, spread, inv_greatest, inv_least_log,
-                 alpha_u, alpha_v, average, average_u, average_v, table)
+    DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, spread, inv_greatest,
+                 inv_greatest_alpha, inv_least_log, alpha_u, alpha_v, average, average_u, average_v,
+                 table)
 };
 
 NAMESPACE_END(mitsuba)

@@ -25,7 +25,7 @@ use std::f64::consts::LN_2;
 /// Nodes per axis of the isotropic grid.
 pub const GRID: usize = 32;
 /// Nodes of the isotropic average.
-pub const AVERAGE: usize = 256;
+pub const AVERAGE: usize = 512;
 /// Nodes of the anisotropic grid, over v and over the azimuth.
 pub const VIEWS: (usize, usize) = (128, 32);
 /// Numbers at every node of a grid.
@@ -36,9 +36,9 @@ pub const ISOTROPIC: usize = PACKET * GRID * GRID + AVERAGE;
 pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 
 /// The least roughness of a material.
-const LEAST_ALPHA: f64 = 1e-4;
+pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
-const GREATEST_ALPHA: f64 = 8.0;
+pub const GREATEST_ALPHA: f64 = 8.0;
 /// Chebyshev's points per axis: more are tried until the error is below the permitted one.
 const POINTS: [usize; 3] = [16, 24, 36];
 /// The same for anisotropic tables, over v and the azimuth.
@@ -119,14 +119,9 @@ impl Coordinates {
     pub fn roughness(&self, alpha: f64) -> f64 {
         (self.compressed(alpha) / self.compressed(GREATEST_ALPHA)).powf(self.spread)
     }
-    /// `ln w`, from 0 at the least roughness to 1 at the greatest.
-    pub fn log_roughness(&self, alpha: f64) -> f64 {
-        let log = (self.compressed(alpha) / self.greatest()).log2();
-        (1.0 - log / self.least_log()).clamp(0.0, 1.0)
-    }
-    /// `log₂ w^(1/s)` at the least roughness.
-    pub fn least_log(&self) -> f64 {
-        (self.compressed(LEAST_ALPHA) / self.greatest()).log2()
+    /// Where the average of a roughness is in its list: its logarithm, from 0 at the least roughness to 1 at the greatest.
+    pub fn log_roughness(alpha: f64) -> f64 {
+        (1.0 - (alpha / GREATEST_ALPHA).ln() / (LEAST_ALPHA / GREATEST_ALPHA).ln()).clamp(0.0, 1.0)
     }
     /// w^(1/s) at the greatest roughness, before it was scaled to 1.
     pub fn greatest(&self) -> f64 {
@@ -154,8 +149,8 @@ impl Coordinates {
         // not 0, where the quadrature has nothing to stretch
         self.expanded(w.powf(1.0 / self.spread).max(1e-9) * self.greatest())
     }
-    fn roughness_at_log(&self, log: f64) -> f64 {
-        self.expanded(((1.0 - log) * self.least_log()).exp2() * self.greatest())
+    fn roughness_at_log(log: f64) -> f64 {
+        GREATEST_ALPHA * (LEAST_ALPHA / GREATEST_ALPHA).powf(1.0 - log)
     }
     /// Inverse of `compressed`.
     fn expanded(&self, x: f64) -> f64 {
@@ -216,7 +211,7 @@ impl AlbedoTable {
         let average: Vec<f32> = (0..AVERAGE)
             .into_par_iter()
             .map(|k| {
-                let alpha = coordinates.roughness_at_log(k as f64 / (AVERAGE - 1) as f64);
+                let alpha = Coordinates::roughness_at_log(k as f64 / (AVERAGE - 1) as f64);
                 let w = coordinates.roughness(alpha);
                 best.integral(GRID, 4, alpha, |v| best.root(v, w)).log2() as f32
             })
@@ -326,7 +321,7 @@ impl AlbedoTable {
     pub fn average_loss(&self, alpha: Roughness) -> f64 {
         let log = match self.fixed {
             None => {
-                let x = self.coordinates.log_roughness(alpha.u) * (AVERAGE - 1) as f64;
+                let x = Coordinates::log_roughness(alpha.u) * (AVERAGE - 1) as f64;
                 let cell = (x as usize).min(AVERAGE - 2);
                 let at = |k: usize| f64::from(self.flat[PACKET * GRID * GRID + k]);
                 at(cell) + (x - cell as f64) * (at(cell + 1) - at(cell))

@@ -4,7 +4,7 @@
 //! because a panic would end the process.
 #![allow(unsafe_code, missing_docs)] // cxx generates both
 
-use crate::albedo_table::AlbedoTable as CoreAlbedoTable;
+use crate::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use crate::error::ParameterError;
 use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
 use crate::profile::Profile;
@@ -73,7 +73,8 @@ mod ffi {
         end: f64,
         spread: f64,
         greatest: f64,
-        least_log: f64,
+        least_alpha: f64,
+        greatest_alpha: f64,
         average_log: f64,
         average_u: f64,
         average_v: f64,
@@ -198,7 +199,8 @@ impl AlbedoTable {
             end: coordinates.end,
             spread: coordinates.spread,
             greatest: coordinates.greatest(),
-            least_log: coordinates.least_log(),
+            least_alpha: LEAST_ALPHA,
+            greatest_alpha: GREATEST_ALPHA,
             average_log: average.map_or(0.0, |average| average.log),
             average_u: average.map_or(0.0, |average| average.slopes[0]),
             average_v: average.map_or(0.0, |average| average.slopes[1]),

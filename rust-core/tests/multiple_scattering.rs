@@ -6,7 +6,7 @@ use cases::{Case, LIST, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::albedo::{Rule, SingleScattering, View};
-use sgtd_core::albedo_table::{AlbedoTable, Average};
+use sgtd_core::albedo_table::{AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::random_walk::RandomWalk;
 use std::f64::consts::PI;
@@ -172,7 +172,7 @@ fn averages_belong_to_their_tables() {
         let one = AlbedoTable::anisotropic(&ndf, Shadowing::Separable, pair);
         let Some(Average { log, .. }) = one.average() else { panic!("no average") };
         assert!((log.exp2() - one.average_loss(pair)).abs() < 1e-12);
-        for (table, alpha) in [(&any, isotropic(0.05)), (&any, isotropic(0.4)), (&any, isotropic(2.0)), (&one, pair)] {
+        for (table, alpha) in [(&any, isotropic(0.05)), (&any, isotropic(0.4)), (&any, isotropic(1.7)), (&one, pair)] {
             const COUNT: u32 = 2000;
             const AZIMUTHS: u32 = 48;
             let mut sum = 0.0;
@@ -186,7 +186,7 @@ fn averages_belong_to_their_tables() {
                 }
             }
             let ratio = sum / table.average_loss(alpha);
-            assert!((ratio - 1.0).abs() < 2e-3, "{case:?} {alpha:?}: {ratio}");
+            assert!((ratio - 1.0).abs() < 5e-4, "{case:?} {alpha:?}: {ratio}");
         }
     }
 }
@@ -197,14 +197,16 @@ fn coordinates_of_losses_span_the_table() {
     for case in LIST {
         let ndf = ndf(case);
         let at = AlbedoTable::isotropic(&ndf, Shadowing::HeightCorrelated).coordinates();
-        assert!((at.roughness(8.0) - 1.0).abs() < 1e-12 && (at.log_roughness(8.0) - 1.0).abs() < 1e-9, "{case:?}");
-        assert!(at.log_roughness(1e-4).abs() < 1e-9, "{case:?}");
-        assert!((2f64.powf(at.least_log() * at.spread) - at.roughness(1e-4)).abs() < 1e-12, "{case:?}");
+        assert!(
+            (at.roughness(GREATEST_ALPHA) - 1.0).abs() < 1e-12
+                && (Coordinates::log_roughness(GREATEST_ALPHA) - 1.0).abs() < 1e-12,
+            "{case:?}"
+        );
+        assert!(Coordinates::log_roughness(LEAST_ALPHA).abs() < 1e-12, "{case:?}");
         assert!(at.greatest() < 1.0, "{case:?}");
         assert_eq!((at.view(0.0, 0.3), at.view(f64::INFINITY, 0.3)), (0.0, 1.0), "{case:?}");
         assert!(at.view(0.1, 0.3) < at.view(0.2, 0.3), "{case:?}");
     }
-    use sgtd_core::albedo_table::Coordinates;
     let alpha = Roughness { u: 0.4, v: 0.1 };
     assert_eq!(Coordinates::azimuth(alpha, DVec3::X), 0.0);
     assert_eq!(Coordinates::azimuth(alpha, DVec3::Y), 1.0);

@@ -92,7 +92,6 @@ pub const TABLE: &[Row] = &[
     total("albedo_table::Coordinates::view", "coordinates_of_losses_span_the_table"),
     total("albedo_table::Coordinates::roughness", "coordinates_of_losses_span_the_table"),
     total("albedo_table::Coordinates::log_roughness", "coordinates_of_losses_span_the_table"),
-    total("albedo_table::Coordinates::least_log", "coordinates_of_losses_span_the_table"),
     total("albedo_table::Coordinates::greatest", "coordinates_of_losses_span_the_table"),
     total("albedo_table::Coordinates::azimuth", "coordinates_of_losses_span_the_table"),
     total("albedo_table::AlbedoTable::isotropic", "tables_hold_what_is_lost"),
