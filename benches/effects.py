@@ -39,6 +39,8 @@ EFFECTS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
     ("correlation of tables", TABLES, {**TABLES, "masking": "height_correlated"}),
     ("visible normals of GGX", {"sample_visible": False}, {}),
     ("visible normals of tables", {**TABLES, "sample_visible": False}, TABLES),
+    ("multiple scattering of GGX", {}, {"multiple_scattering": True}),
+    ("multiple scattering of tables", TABLES, {**TABLES, "multiple_scattering": True}),
     ("double precision", {**TABLES, "p": 8.0}, {**TABLES, "p": 50.0}),
 )
 

@@ -282,6 +282,7 @@ BAD = {
     "material and eta": (dict(material="Au", eta=0.2), ["material", "eta"]),
     "unknown material": (dict(material="Unobtainium"), ["Unobtainium"]),
     "word for a number": (dict(gamma="two"), ["gamma"]),
+    "number for a switch": (dict(multiple_scattering=1.0), ["multiple_scattering"]),
 }
 
 
@@ -315,6 +316,7 @@ def test_every_documented_property_is_accepted_in_xml(scalar):
             <float name="alpha_u" value="0.1"/> <float name="alpha_v" value="0.3"/>
             <rgb name="specular_reflectance" value="0.9, 0.8, 0.7"/>
             <boolean name="sample_visible" value="false"/> <string name="masking" value="height_correlated"/>
+            <boolean name="multiple_scattering" value="true"/>
         </bsdf>"""
     )
     assert "height_correlated" in str(bsdf) and "sample_visible = 0" in str(bsdf)

@@ -125,6 +125,35 @@ Tables Ndf::tables() const {
     return result;
 }
 
+static Losses to_host(const sgtd::AlbedoTable &core) {
+    sgtd::AlbedoHeader header     = core.albedo_header();
+    rust::Slice<const float> flat = core.flat();
+    Losses result;
+    result.slope          = header.slope;
+    result.power          = header.power;
+    result.end            = header.end;
+    result.spread         = header.spread;
+    result.greatest       = header.greatest;
+    result.least_alpha    = header.least_alpha;
+    result.greatest_alpha = header.greatest_alpha;
+    result.average_log    = header.average_log;
+    result.average_u      = header.average_u;
+    result.average_v      = header.average_v;
+    result.reached        = header.reached;
+    result.table.assign(flat.begin(), flat.end());
+    return result;
+}
+
+Losses Ndf::losses(bool correlated) const {
+    return to_host(*sgtd::new_isotropic_albedo(*m_impl->core, correlated));
+}
+
+Losses Ndf::losses(bool correlated, double alpha_u, double alpha_v) const {
+    return checked([&] {
+        return to_host(*sgtd::new_anisotropic_albedo(*m_impl->core, correlated, alpha_u, alpha_v));
+    });
+}
+
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {
     return m_impl->core->d(alpha_u, alpha_v, to_core(m));
 }

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 /// The Rust core as the C++ of this folder sees it.
 ///
@@ -35,6 +36,10 @@ struct RowShape {
     Shape shape;
     /// Factor on the roughness that the user gives: 1 but for `hyper_cauchy`.
     double alpha_scale;
+
+    bool operator==(const RowShape &other) const {
+        return shape == other.shape && alpha_scale == other.alpha_scale;
+    }
 };
 
 /// The node of the family's tree at which a shape runs: the lowest one that its numbers allow.
@@ -72,6 +77,16 @@ struct Tables {
     Slice<const float> lambda, visible;
 };
 
+/// What single scattering loses: numbers and an array from which 1 - E can be evaluated.
+struct Losses {
+    double slope, power, end, spread, greatest, least_alpha, greatest_alpha;
+    /// log2(1 - E_avg) of one pair of roughnesses, and its derivatives by their logarithms
+    double average_log, average_u, average_v;
+    /// Greatest error of E that was measured
+    double reached;
+    std::vector<float> table;
+};
+
 /// Shape of a named row; parameters that were left out take their defaults.
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
                       std::optional<double> lambda, std::optional<double> shift);
@@ -96,6 +111,10 @@ public:
     double pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const;
     NormalSample sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
                         bool visible) const;
+
+    /// What single scattering loses at every isotropic roughness, or at one pair of roughnesses.
+    Losses losses(bool correlated) const;
+    Losses losses(bool correlated, double alpha_u, double alpha_v) const;
 
     /// Batches. Directions are packed xyz, random numbers are pairs.
     using In  = Slice<const double>;

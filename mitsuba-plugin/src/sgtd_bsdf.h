@@ -297,6 +297,7 @@ private:
             m_builtin_scaled = builtin && reduced.alpha_scale != 1.0;
             m_ndf            = std::move(ndf);
             m_tables         = std::move(tables);
+            m_node           = reduced;
             m_current        = { row, m_parameters };
         } catch (...) {
             if (m_current)
@@ -315,6 +316,8 @@ protected:
     bool m_builtin_scaled = false;
     std::shared_ptr<const sgtd::host::Ndf> m_ndf;
     SgtdTables<Float> m_tables;
+    /// The lowest node that the numbers allow, and the factor on the user's roughness there
+    sgtd::host::RowShape m_node;
 
 private:
     double m_accuracy;

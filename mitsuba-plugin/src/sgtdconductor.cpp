@@ -7,6 +7,7 @@
 
 #include "mitsuba_version.h"
 #include "sgtd_bsdf.h"
+#include "sgtd_multiple_scattering.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -94,6 +95,11 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
      ``height_correlated``: they are correlated by the height of the facet.
      (Default: ``separable``)
 
+ * - multiple_scattering
+   - |boolean|
+   - Return the light that the microsurface reflects more than once. Without it, that light is
+     lost. (Default: |false|)
+
  * - sample_visible
    - |boolean|
    - Draw from the visible normals, or from all normals. (Default: |true|)
@@ -120,6 +126,19 @@ own MicrofacetDistribution and give the values of ``roughconductor`` (lambda is 
 lambda on the roughness). So does ``beckmann``; as Mitsuba masks that by a fit within 6e-3, gamma =
 inf in other rows keeps tables of its own.
 
+With ``multiple_scattering``, a reciprocal lobe returns what single scattering loses,
+
+    f_ms = F_ms (1 - E(w_i)) (1 - E(w_o)) / (pi (1 - E_avg))
+
+where E is the albedo of single scattering for a perfect mirror, tabulated for this shape and this
+masking, and E_avg its average. F_ms = F^2 E_avg / (1 - F (1 - E_avg)), with the average F of the
+Fresnel reflectance, is what repeated reflections leave of each wavelength: metals become darker and
+more saturated as roughness grows, and a mirror loses nothing. ``specular_reflectance`` scales the
+sum of both lobes, and polarized variants return this light unpolarized. Two roughnesses are
+tabulated as a pair, and again when one is changed; if a texture drives one of them, E is that of
+the isotropic surface with their mean, and the balance of energy is approximate. Tables follow
+roughness up to 8.
+
 The shape parameters are exposed as plain numbers, without derivatives. Changing one makes new
 tables; a value out of range is refused, and the material keeps what it had.
 
@@ -129,13 +148,15 @@ template <typename Float, typename Spectrum> class SgtdConductor final
     : public SgtdBSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_sample_visible,
-                   m_height_correlated, m_builtin, m_ndf, m_tables, builtin_g2, check_constant,
-                   describe, roughness, to_stokes_bases)
+                   m_height_correlated, m_builtin, m_ndf, m_node, m_tables, builtin_g2,
+                   check_constant, describe, roughness, to_stokes_bases)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
     SgtdConductor(const Properties &props) : Base(props) {
         read_metal(props);
+        m_multiple_scattering = props.get<bool>("multiple_scattering", false);
+        update_losses();
         update_flags();
     }
 
@@ -148,12 +169,17 @@ public:
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
+        const sgtd::host::RowShape before = m_node;
         Base::parameters_changed(keys);
+        bool shape = keys.empty() || !(m_node == before),
+             pair  = string::contains(keys, "alpha_u") || string::contains(keys, "alpha_v");
+        if (shape || (m_losses.fixed && pair))
+            update_losses();
         update_flags();
     }
 
     std::pair<BSDFSample3f, Spectrum> sample(const BSDFContext &ctx, const SurfaceInteraction3f &si,
-                                             Float /* sample1 */, const Point2f &sample2,
+                                             Float sample1, const Point2f &sample2,
                                              Mask active) const override {
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
 
@@ -162,6 +188,7 @@ public:
         active &= cos_theta_i > 0.f;
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
             return { bs, 0.f };
+        Mask visible = active;
 
         Normal3f m;
         UnpolarizedSpectrum weight;
@@ -193,6 +220,19 @@ public:
         bs.eta               = 1.f;
         bs.sampled_component = 0;
         bs.sampled_type      = +BSDFFlags::GlossyReflection;
+        if (m_multiple_scattering) {
+            // One of the lobes gives the direction, both of them its value and density
+            auto surface = loss_surface(alpha_u, alpha_v);
+            Float lost   = m_losses.loss(surface, si.wi);
+            Mask again   = visible && sample1 < lost;
+            bs.wo        = dr::select(
+                again, m_losses.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
+                bs.wo);
+            auto [value, pdf] = evaluate<true, true>(ctx, si, bs.wo, again || active);
+            bs.pdf            = pdf;
+            return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
+        }
+
         // From normals to outgoing directions
         bs.pdf /= 4.f * dr::dot(bs.wo, m);
 
@@ -224,6 +264,7 @@ public:
         std::ostringstream oss;
         oss << "SgtdConductor[" << std::endl;
         describe(oss);
+        oss << "  multiple_scattering = " << m_multiple_scattering << "," << std::endl;
         if (m_specular_reflectance)
             oss << "  specular_reflectance = " << string::indent(m_specular_reflectance) << ","
                 << std::endl;
@@ -263,6 +304,27 @@ private:
             m_specular_reflectance = props.get_texture<Texture>("specular_reflectance");
     }
 
+    /// Makes the table of what single scattering loses, if it is to be returned.
+    void update_losses() {
+        if (!m_multiple_scattering)
+            return;
+        using MultipleScattering = SgtdMultipleScattering<Float>;
+        // Mitsuba's own distributions have no tables of ours
+        std::shared_ptr<const sgtd::host::Ndf> ndf =
+            m_ndf ? m_ndf : sgtd::host::Ndf::get(m_node.shape, 1e-5, false);
+        auto constant = [&](const Texture *alpha) {
+            return std::max((double)dr::slice(dr::detach(alpha->mean())) * m_node.alpha_scale,
+                            1e-4);
+        };
+        bool varying = m_alpha_u->is_spatially_varying() || m_alpha_v->is_spatially_varying();
+        if (m_alpha_u == m_alpha_v || varying) {
+            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
+        } else {
+            double u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
+            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated, u, v), u, v);
+        }
+    }
+
     void update_flags() {
         m_flags = BSDFFlags::GlossyReflection | BSDFFlags::FrontSide;
         if (m_alpha_u != m_alpha_v)
@@ -275,6 +337,14 @@ private:
     //  Evaluation
     // ------------------------------------------------------------------
 
+    /// The roughness, as `roughness` gives it, as the table of losses knows it.
+    auto loss_surface(const Float &alpha_u, const Float &alpha_v) const {
+        auto least = [&](const Float &alpha) {
+            return dr::maximum(m_builtin ? alpha : alpha * m_tables.alpha_scale, 1e-4f);
+        };
+        return m_losses.surface(least(alpha_u), least(alpha_v));
+    }
+
     /// The value of the BSDF times the cosine, and the density of `wo` under sample().
     template <bool Value, bool Pdf>
     std::pair<Spectrum, Float> evaluate(const BSDFContext &ctx, const SurfaceInteraction3f &si,
@@ -286,6 +356,7 @@ private:
                   dr::dot(wo, m) > 0.f;
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
             return { 0.f, 0.f };
+        Mask visible = active;
 
         Float D = 0.f, G = 0.f, pdf = 0.f;
         auto [alpha_u, alpha_v] = roughness(si, active);
@@ -325,7 +396,31 @@ private:
         }
         if (!m_builtin)
             active &= dr::isfinite(pdf);
-        return { value, dr::select(active, pdf, 0.f) };
+        pdf = dr::select(active, pdf, 0.f);
+        if (m_multiple_scattering)
+            add_multiple_scattering<Value, Pdf>(si, wo, alpha_u, alpha_v, visible, value, pdf);
+        return { value, pdf };
+    }
+
+    /// Adds the lobe that returns what single scattering loses, and the density of its samples.
+    template <bool Value, bool Pdf>
+    void add_multiple_scattering(const SurfaceInteraction3f &si, const Vector3f &wo,
+                                 const Float &alpha_u, const Float &alpha_v, const Mask &active,
+                                 Spectrum &value, Float &pdf) const {
+        auto surface = loss_surface(alpha_u, alpha_v);
+        Float lost   = m_losses.loss(surface, si.wi);
+        if constexpr (Value) {
+            dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
+            UnpolarizedSpectrum result =
+                m_losses.tint(surface.average_loss, eta) *
+                (dr::InvPi<Float> * Frame3f::cos_theta(wo) * lost * m_losses.loss(surface, wo) /
+                 dr::maximum(surface.average_loss, 1e-30f));
+            if (m_specular_reflectance)
+                result *= m_specular_reflectance->eval(si, active);
+            value += depolarizer<Spectrum>(result) & active;
+        }
+        if constexpr (Pdf)
+            pdf = dr::select(active, dr::lerp(pdf, m_losses.pdf(surface, wo), lost), 0.f);
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
@@ -352,8 +447,11 @@ private:
 
 private:
     ref<Texture> m_eta, m_k, m_specular_reflectance;
+    bool m_multiple_scattering;
+    /// Empty unless light is scattered more than once
+    SgtdMultipleScattering<Float> m_losses;
 
-    MI_TRAVERSE_CB(Base, m_eta, m_k, m_specular_reflectance)
+    MI_TRAVERSE_CB(Base, m_eta, m_k, m_specular_reflectance, m_losses)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have

@@ -4,6 +4,7 @@
 //! because a panic would end the process.
 #![allow(unsafe_code, missing_docs)] // cxx generates both
 
+use crate::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use crate::error::ParameterError;
 use crate::lambda_table::ENTRIES;
 use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
@@ -73,12 +74,33 @@ mod ffi {
         steepness: f64,
     }
 
+    /// What a reader of a table of losses has to know.
+    struct AlbedoHeader {
+        slope: f64,
+        power: f64,
+        end: f64,
+        spread: f64,
+        greatest: f64,
+        least_alpha: f64,
+        greatest_alpha: f64,
+        average_log: f64,
+        average_u: f64,
+        average_v: f64,
+        reached: f64,
+    }
+
     extern "Rust" {
         type Ndf;
+        type AlbedoTable;
 
         fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape>;
         fn lowest_node(shape: Shape) -> Result<Node>;
         fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
+
+        fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable>;
+        fn new_anisotropic_albedo(ndf: &Ndf, correlated: bool, alpha_u: f64, alpha_v: f64) -> Result<Box<AlbedoTable>>;
+        fn albedo_header(self: &AlbedoTable) -> AlbedoHeader;
+        fn flat(self: &AlbedoTable) -> &[f32];
 
         fn header(self: &Ndf) -> TableHeader;
         fn lambda_table(self: &Ndf) -> &[f32];
@@ -129,7 +151,7 @@ mod ffi {
     }
 }
 
-use ffi::{Given, Node, NormalSample, RowShape, Shape, TableHeader, Vec3};
+use ffi::{AlbedoHeader, Given, Node, NormalSample, RowShape, Shape, TableHeader, Vec3};
 
 /// The opaque object that C++ holds.
 pub struct Ndf(CoreNdf);
@@ -168,6 +190,51 @@ fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>, Param
     let profile = Box::new(SkewedT::new(shape));
     let ndf = if visible { CoreNdf::new(profile, accuracy) } else { CoreNdf::projected(profile, accuracy) };
     Ok(Box::new(Ndf(ndf?)))
+}
+
+/// The opaque table of losses that C++ holds.
+pub struct AlbedoTable(CoreAlbedoTable);
+
+fn shadowing(correlated: bool) -> Shadowing {
+    if correlated { Shadowing::HeightCorrelated } else { Shadowing::Separable }
+}
+
+fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable> {
+    Box::new(AlbedoTable(CoreAlbedoTable::isotropic(&ndf.0, shadowing(correlated))))
+}
+
+fn new_anisotropic_albedo(
+    ndf: &Ndf,
+    correlated: bool,
+    alpha_u: f64,
+    alpha_v: f64,
+) -> Result<Box<AlbedoTable>, ParameterError> {
+    let alpha = Roughness::new(alpha_u, alpha_v)?;
+    Ok(Box::new(AlbedoTable(CoreAlbedoTable::anisotropic(&ndf.0, shadowing(correlated), alpha))))
+}
+
+impl AlbedoTable {
+    fn albedo_header(&self) -> AlbedoHeader {
+        let coordinates = self.0.coordinates();
+        let average = self.0.average();
+        AlbedoHeader {
+            slope: coordinates.slope,
+            power: coordinates.power,
+            end: coordinates.end,
+            spread: coordinates.spread,
+            greatest: coordinates.greatest(),
+            least_alpha: LEAST_ALPHA,
+            greatest_alpha: GREATEST_ALPHA,
+            average_log: average.map_or(0.0, |average| average.log),
+            average_u: average.map_or(0.0, |average| average.slopes[0]),
+            average_v: average.map_or(0.0, |average| average.slopes[1]),
+            reached: self.0.reached(),
+        }
+    }
+
+    fn flat(&self) -> &[f32] {
+        self.0.flat()
+    }
 }
 
 /// Directions per task: large enough that the queue costs nothing, small enough to balance two cores.
@@ -287,7 +354,7 @@ impl Ndf {
         correlated: bool,
         out: &mut [f64],
     ) -> Result<(), ParameterError> {
-        let shadowing = if correlated { Shadowing::HeightCorrelated } else { Shadowing::Separable };
+        let shadowing = shadowing(correlated);
         self.per_pair((alpha_u, alpha_v), wi, wo, out, |ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, shadowing))
     }
 

@@ -30,12 +30,16 @@
 //! | masking Λ, G1, G2 | 10–12 | [`masking::MaskingIntegral::at`], [`ndf::Ndf::lambda`], [`ndf::Ndf::g2`] |
 //! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`student::StudentMasking`] |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
+//! | losses of single scattering | – | [`albedo::SingleScattering::loss`], [`albedo_table::AlbedoTable`] |
+//! | walks on the microsurface | – | [`random_walk::RandomWalk`] |
 //! | sampling of visible normals | – | [`visible_table::VisibleTable`], [`azimuth::Azimuth`], [`ndf::Ndf::sample_visible`] |
 //!
 //! # One way through the modules
 //! [`shape`] (with its [`tree`]) → [`partial_moment`] (on [`exponent`], [`gamma_ratio`]) → [`skewed_t`] behind the trait [`profile::Profile`] → [`masking`]
-//! → [`lambda_table`], [`visible_table`] → [`ndf`] → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
+//! → [`lambda_table`], [`visible_table`] → [`ndf`] → [`albedo`] → [`albedo_table`] → [`bridge`]; [`random_walk`] stands on [`ndf`]. Nothing from [`masking`] on knows which profile it serves.
 
+pub mod albedo;
+pub mod albedo_table;
 pub mod azimuth;
 pub mod bridge;
 pub mod error;
@@ -48,6 +52,7 @@ pub mod ndf;
 pub mod partial_moment;
 pub mod profile;
 pub mod quadrature;
+pub mod random_walk;
 pub mod shape;
 pub mod skewed_t;
 pub mod student;

@@ -1,0 +1,460 @@
+//! The energy lost by single scattering, tabulated for one shape.
+//!
+//! What is stored is `√(1 − E)`: its square cannot leave 0 … 1 by interpolation and keeps its digits where almost nothing is
+//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
+//! masking alone and at high roughness one of the angle; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
+//! these coordinates the loss has a limit at every edge, and power laws of heavy tails are as smooth as others.
+//!
+//! * **Isotropic** tables hold any roughness: bicubic Hermite polynomials over (v, w), so textures and derivatives need nothing else.
+//! * **Anisotropic** tables hold one pair of roughnesses: over v and the azimuth, as value and derivatives with respect to
+//!   both logarithms of the roughness, read bilinearly. (Four variables at once take 10⁵ nodes to reach 1e-3.)
+//!
+//! Few nodes are computed, at Chebyshev's points; the grids are filled from the polynomials through them.
+//!
+//! The average `1 − E_avg = ∫ (1 − E) cos θ dω/π` is that of the *tabulated* E. So what a lobe made from the table returns is all that the
+//! table says is lost: a furnace is off by the error of E at the view, and by no more.
+
+use crate::albedo::{Rule, SingleScattering, View};
+use crate::ndf::{Ndf, Roughness, Shadowing};
+use crate::profile::Tail;
+use crate::quadrature::gauss;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::f64::consts::LN_2;
+
+/// Nodes per axis of the isotropic grid.
+pub const GRID: usize = 32;
+/// Nodes of the isotropic average.
+pub const AVERAGE: usize = 512;
+/// Nodes of the anisotropic grid, over v and over the azimuth.
+pub const VIEWS: (usize, usize) = (128, 32);
+/// Numbers at every node of a grid.
+pub const PACKET: usize = 4;
+/// Numbers in an isotropic table: its average follows the grid.
+pub const ISOTROPIC: usize = PACKET * GRID * GRID + AVERAGE;
+/// Numbers in an anisotropic table.
+pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
+
+/// The least roughness of a material.
+pub const LEAST_ALPHA: f64 = 1e-4;
+/// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
+pub const GREATEST_ALPHA: f64 = 8.0;
+/// Chebyshev's points per axis: more are tried until the error is below the permitted one.
+const POINTS: [usize; 3] = [16, 24, 36];
+/// The same for anisotropic tables, over v and the azimuth.
+const ANISOTROPIC_POINTS: [(usize, usize); 2] = [(16, 10), (32, 20)];
+/// What E may be off by, as measured in the middle of cells.
+const PERMITTED: f64 = 2e-4;
+/// Cells per axis in which the error is measured.
+const MEASURED: usize = 11;
+/// Relative step of derivatives with respect to the roughness.
+const STEP: f64 = 1e-3;
+
+/// Losses of one shape.
+#[derive(Debug, Clone)]
+pub struct AlbedoTable {
+    flat: Vec<f32>,
+    coordinates: Coordinates,
+    /// The pair of an anisotropic table.
+    fixed: Option<Fixed>,
+    reached: f64,
+}
+
+/// The roughness of an anisotropic table, and its average.
+#[derive(Debug, Clone, Copy)]
+struct Fixed {
+    alpha: Roughness,
+    average: Average,
+}
+
+/// `log₂ (1 − E_avg)` at one pair of roughnesses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Average {
+    /// Its value.
+    pub log: f64,
+    /// Its derivatives with respect to `ln α_u` and `ln α_v`.
+    pub slopes: [f64; 2],
+}
+
+/// Where a view and a roughness are in a table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coordinates {
+    /// x, the median slope.
+    pub slope: f64,
+    /// q, at most a half: heavy tails make E like a power of the cotangent towards the horizon.
+    pub power: f64,
+    /// e, at most 1: they make √(1 − E) like a power of the slope of the view along the normal.
+    pub end: f64,
+    /// s, at most a half: and a power of the roughness, seen from the horizon.
+    pub spread: f64,
+}
+
+impl Coordinates {
+    fn new(ndf: &Ndf, shadowing: Shadowing) -> Self {
+        let profile = ndf.profile();
+        let (power, end, spread) = match profile.tail() {
+            Tail::Power { excess, .. } => {
+                // correlated masking is complete at the horizon, whatever the tail: E rises from there like a power of it
+                let more = if shadowing == Shadowing::Separable { 0.2 } else { 0.0 };
+                (
+                    (more + 0.5 * excess).clamp(0.1, 0.5),
+                    (0.5 + 0.5 * excess).min(1.0),
+                    (0.1 + 0.8 * excess).clamp(0.2, 0.5),
+                )
+            }
+            Tail::Exponential => (0.5, 1.0, 0.5),
+        };
+        Self { slope: profile.quantile(0.5), power, end, spread }
+    }
+
+    /// v of a view with this cotangent.
+    pub fn view(&self, cot: f64, along: f64) -> f64 {
+        if cot.is_finite() {
+            1.0 - (1.0 - (cot / (cot + self.half(along))).powf(self.power)).powf(self.end)
+        } else {
+            1.0
+        }
+    }
+    /// w of a roughness, from 0 at no roughness to 1 at the greatest.
+    pub fn roughness(&self, alpha: f64) -> f64 {
+        (self.compressed(alpha) / self.compressed(GREATEST_ALPHA)).powf(self.spread)
+    }
+    /// Where the average of a roughness is in its list: its logarithm, from 0 at the least roughness to 1 at the greatest.
+    pub fn log_roughness(alpha: f64) -> f64 {
+        (1.0 - (alpha / GREATEST_ALPHA).ln() / (LEAST_ALPHA / GREATEST_ALPHA).ln()).clamp(0.0, 1.0)
+    }
+    /// w^(1/s) at the greatest roughness, before it was scaled to 1.
+    pub fn greatest(&self) -> f64 {
+        self.compressed(GREATEST_ALPHA)
+    }
+    fn compressed(&self, alpha: f64) -> f64 {
+        let x = alpha * self.slope;
+        x / (1.0 + x)
+    }
+    /// The azimuth, from 0 along the first tangent to 1 along the second; even in both components.
+    pub fn azimuth(alpha: Roughness, w: DVec3) -> f64 {
+        let (x, y) = (alpha.u.sqrt() * w.x.abs(), alpha.v.sqrt() * w.y.abs());
+        if x + y > 0.0 { y / (x + y) } else { 0.0 }
+    }
+
+    /// c
+    fn half(&self, along: f64) -> f64 {
+        self.compressed(along)
+    }
+    fn cotangent_at(&self, v: f64, along: f64) -> f64 {
+        let ratio = (1.0 - (1.0 - v).powf(1.0 / self.end)).powf(1.0 / self.power);
+        if ratio < 1.0 { self.half(along) * ratio / (1.0 - ratio) } else { f64::INFINITY }
+    }
+    fn roughness_at(&self, w: f64) -> f64 {
+        // not 0, where the quadrature has nothing to stretch
+        self.expanded(w.powf(1.0 / self.spread).max(1e-9) * self.greatest())
+    }
+    fn roughness_at_log(log: f64) -> f64 {
+        GREATEST_ALPHA * (LEAST_ALPHA / GREATEST_ALPHA).powf(1.0 - log)
+    }
+    /// Inverse of `compressed`.
+    fn expanded(&self, x: f64) -> f64 {
+        x / (1.0 - x) / self.slope
+    }
+    /// The horizontal direction with this azimuth.
+    fn direction_at(azimuth: f64, alpha: Roughness) -> DVec3 {
+        DVec3::new((1.0 - azimuth) / alpha.u.sqrt(), azimuth / alpha.v.sqrt(), 0.0).normalize_or(DVec3::X)
+    }
+    fn view_at(&self, v: f64, horizontal: View) -> View {
+        View { a: self.cotangent_at(v, horizontal.along) / horizontal.along, ..horizontal }
+    }
+}
+
+impl AlbedoTable {
+    /// Tabulates a distribution for every isotropic roughness.
+    pub fn isotropic(ndf: &Ndf, shadowing: Shadowing) -> Self {
+        let coordinates = Coordinates::new(ndf, shadowing);
+        let source = SingleScattering::new(ndf, shadowing, Rule::TABLE);
+        let exact = |v: f64, w: f64| {
+            let alpha = coordinates.roughness_at(w);
+            let flat = View { a: 0.0, along: alpha, across: alpha, shear: 0.0 };
+            source.loss(coordinates.view_at(v, flat)).sqrt()
+        };
+        let mut best = Self { flat: Vec::new(), coordinates, fixed: None, reached: f64::INFINITY };
+        for points in POINTS {
+            let nodes = chebyshev(points);
+            let values: Vec<f64> =
+                (0..points * points).into_par_iter().map(|k| exact(nodes[k / points], nodes[k % points])).collect();
+            let by_v = along_first(&nodes, &values, GRID);
+            let slope_v = along_first(&nodes, &derivative(&nodes, &values), GRID);
+            let fill = |values: &[f64]| {
+                let turned = turn(values, GRID);
+                let slopes = derivative(&nodes, &turned);
+                // (w, v) → (v, w)
+                [turned, slopes].map(|turned| turn(&along_first(&nodes, &turned, GRID), GRID))
+            };
+            let ([f, f_w], [f_v, f_vw]) = (fill(&by_v), fill(&slope_v));
+            let mut table = Self { flat: Vec::with_capacity(ISOTROPIC), ..best.clone() };
+            let cell = 1.0 / (GRID - 1) as f64;
+            for k in 0..GRID * GRID {
+                table.flat.extend([f[k], f_v[k] * cell, f_w[k] * cell, f_vw[k] * cell * cell].map(|x| x as f32));
+            }
+            table.reached = (0..MEASURED * MEASURED)
+                .into_par_iter()
+                .map(|k| {
+                    let [v, w] = [k / MEASURED, k % MEASURED].map(|j| middle(j, GRID));
+                    (table.root(v, w).powi(2) - exact(v, w).powi(2)).abs()
+                })
+                .reduce(|| 0.0, f64::max);
+            if table.reached < best.reached {
+                best = table;
+            }
+            if best.reached <= PERMITTED {
+                break;
+            }
+        }
+        let average: Vec<f32> = (0..AVERAGE)
+            .into_par_iter()
+            .map(|k| {
+                let alpha = Coordinates::roughness_at_log(k as f64 / (AVERAGE - 1) as f64);
+                let w = coordinates.roughness(alpha);
+                best.integral(GRID, 4, alpha, |v| best.root(v, w)).log2() as f32
+            })
+            .collect();
+        best.flat.extend(average);
+        best
+    }
+
+    /// Tabulates a distribution for one pair of roughnesses.
+    pub fn anisotropic(ndf: &Ndf, shadowing: Shadowing, alpha: Roughness) -> Self {
+        let coordinates = Coordinates::new(ndf, shadowing);
+        let source = SingleScattering::new(ndf, shadowing, Rule::ANISOTROPIC);
+        let exact = |v: f64, azimuth: f64, alpha: Roughness| {
+            let horizontal = View::new(alpha, Coordinates::direction_at(azimuth, alpha));
+            source.loss(coordinates.view_at(v, horizontal)).sqrt()
+        };
+        let fill = |(points_v, points_azimuth): (usize, usize), alpha: Roughness| {
+            let (nodes_v, nodes_azimuth) = (chebyshev(points_v), chebyshev(points_azimuth));
+            let values: Vec<f64> = (0..points_v * points_azimuth)
+                .into_par_iter()
+                .map(|k| exact(nodes_v[k / points_azimuth], nodes_azimuth[k % points_azimuth], alpha))
+                .collect();
+            let turned = turn(&along_first(&nodes_v, &values, VIEWS.0), VIEWS.0);
+            turn(&along_first(&nodes_azimuth, &turned, VIEWS.1), VIEWS.1)
+        };
+        let stepped =
+            [alpha, Roughness { u: alpha.u * (1.0 + STEP), ..alpha }, Roughness { v: alpha.v * (1.0 + STEP), ..alpha }];
+        let step = STEP.ln_1p();
+        let coarse = stepped.map(|alpha| fill(ANISOTROPIC_POINTS[0], alpha));
+        let average = Average { log: 0.0, slopes: [0.0; 2] };
+        let fixed = Some(Fixed { alpha, average });
+        let mut best = Self { flat: Vec::new(), coordinates, fixed, reached: f64::INFINITY };
+        for points in ANISOTROPIC_POINTS {
+            let values = if points == ANISOTROPIC_POINTS[0] { coarse[0].clone() } else { fill(points, alpha) };
+            let mut table = Self { flat: Vec::with_capacity(ANISOTROPIC), ..best.clone() };
+            for (k, &value) in values.iter().enumerate() {
+                let slope = |side: usize| (coarse[side][k] - coarse[0][k]) / step;
+                table.flat.extend([value, slope(1), slope(2), 0.0].map(|x| x as f32));
+            }
+            table.reached = (0..MEASURED * MEASURED)
+                .into_par_iter()
+                .map(|k| {
+                    let (v, azimuth) = (middle(k / MEASURED, VIEWS.0), middle(k % MEASURED, VIEWS.1));
+                    (table.packet(v, azimuth)[0].powi(2) - exact(v, azimuth, alpha).powi(2)).abs()
+                })
+                .reduce(|| 0.0, f64::max);
+            if table.reached < best.reached {
+                best = table;
+            }
+            if best.reached <= PERMITTED {
+                break;
+            }
+        }
+        // azimuths evenly in angle, in the frame of the roughness
+        let azimuthal = gauss(48);
+        let integral = |k: usize, by: f64, alpha: Roughness| {
+            azimuthal.integrate(0.0, 1.0, |t| {
+                let (sin, cos) = (std::f64::consts::FRAC_PI_2 * t).sin_cos();
+                let w = DVec3::new(cos, sin, 0.0);
+                let azimuth = Coordinates::azimuth(alpha, w);
+                best.integral(VIEWS.0, 1, View::new(alpha, w).along, |v| {
+                    let packet = best.packet(v, azimuth);
+                    packet[0] + by * packet[k]
+                })
+            })
+        };
+        let whole = integral(0, 0.0, alpha).log2();
+        let slope = |k: usize| (integral(k, step, stepped[k]).log2() - whole) / step;
+        let slopes = [slope(1), slope(2)];
+        best.fixed = Some(Fixed { alpha, average: Average { log: whole, slopes } });
+        best
+    }
+
+    /// The grid over (v, w) in packets (value, derivatives per cell along v, w and both), then the logarithms of the average; or the grid over
+    /// v and azimuth in packets (value, derivatives with respect to ln α_u and ln α_v, 0).
+    pub fn flat(&self) -> &[f32] {
+        &self.flat
+    }
+    /// Where a view and a roughness are in the table.
+    pub fn coordinates(&self) -> Coordinates {
+        self.coordinates
+    }
+    /// `log₂ (1 − E_avg)` of an anisotropic table.
+    pub fn average(&self) -> Option<Average> {
+        self.fixed.map(|fixed| fixed.average)
+    }
+    /// The greatest error of E that was measured in the middle of cells.
+    pub fn reached(&self) -> f64 {
+        self.reached
+    }
+
+    /// `1 − E(ω)`, ω.z ≥ 0. An anisotropic table follows a roughness beside its own to first order; an isotropic one reads α_u.
+    pub fn loss(&self, alpha: Roughness, w: DVec3) -> f64 {
+        let along = View::new(alpha, w).along;
+        let v = self.coordinates.view(w.z / w.x.hypot(w.y), along);
+        let root = match self.fixed {
+            None => self.root(v, self.coordinates.roughness(alpha.u)),
+            Some(fixed) => {
+                let [value, by_u, by_v, _] = self.packet(v, Coordinates::azimuth(alpha, w));
+                value + by_u * (alpha.u / fixed.alpha.u).ln() + by_v * (alpha.v / fixed.alpha.v).ln()
+            }
+        };
+        root.clamp(0.0, 1.0).powi(2)
+    }
+
+    /// `1 − E_avg`.
+    pub fn average_loss(&self, alpha: Roughness) -> f64 {
+        let log = match self.fixed {
+            None => {
+                let x = Coordinates::log_roughness(alpha.u) * (AVERAGE - 1) as f64;
+                let cell = (x as usize).min(AVERAGE - 2);
+                let at = |k: usize| f64::from(self.flat[PACKET * GRID * GRID + k]);
+                at(cell) + (x - cell as f64) * (at(cell + 1) - at(cell))
+            }
+            Some(Fixed { alpha: own, average: Average { log, slopes } }) => {
+                log + slopes[0] * (alpha.u / own.u).ln() + slopes[1] * (alpha.v / own.v).ln()
+            }
+        };
+        (log * LN_2).exp()
+    }
+
+    /// The bicubic polynomial of an isotropic grid.
+    fn root(&self, v: f64, w: f64) -> f64 {
+        let ((i, s), (j, t)) = (locate(v, GRID), locate(w, GRID));
+        let (along_v, along_w) = (hermite(s), hermite(t));
+        let mut sum = 0.0;
+        for (di, [value_v, slope_v]) in along_v.into_iter().enumerate() {
+            for (dj, [value_w, slope_w]) in along_w.into_iter().enumerate() {
+                let at = PACKET * ((i + di) * GRID + j + dj);
+                let packet = &self.flat[at..at + PACKET];
+                sum += value_v * (value_w * f64::from(packet[0]) + slope_w * f64::from(packet[2]))
+                    + slope_v * (value_w * f64::from(packet[1]) + slope_w * f64::from(packet[3]));
+            }
+        }
+        sum
+    }
+
+    /// Bilinear interpolation of an anisotropic grid.
+    fn packet(&self, v: f64, azimuth: f64) -> [f64; PACKET] {
+        let ((i, s), (j, t)) = (locate(v, VIEWS.0), locate(azimuth, VIEWS.1));
+        let at = |i: usize, j: usize, k: usize| f64::from(self.flat[PACKET * (i * VIEWS.1 + j) + k]);
+        std::array::from_fn(|k| {
+            let row = |i: usize| at(i, j, k) + t * (at(i, j + 1, k) - at(i, j, k));
+            row(i) + s * (row(i + 1) - row(i))
+        })
+    }
+
+    /// `∫ root² d(cos² θ)`, cell by cell of v.
+    fn integral(&self, cells: usize, points: usize, along: f64, root: impl Fn(f64) -> f64) -> f64 {
+        let square_at = |v: f64| {
+            let cot = self.coordinates.cotangent_at(v, along);
+            if cot.is_finite() { cot * cot / (1.0 + cot * cot) } else { 1.0 }
+        };
+        let mut ends: Vec<f64> = (0..cells - 1).map(|k| square_at(k as f64 / (cells - 1) as f64)).collect();
+        // the last cell begins close to the horizon for a low roughness
+        while let Some(&last) = ends.last()
+            && last < 1.0
+        {
+            let next = 9.0 * last / (1.0 - last);
+            ends.push(if next < 1e4 { next / (1.0 + next) } else { 1.0 });
+        }
+        let sum: f64 = ends
+            .windows(2)
+            .map(|ends| {
+                gauss(points).integrate(ends[0], ends[1], |square| {
+                    let cot = (square / (1.0 - square)).sqrt();
+                    root(self.coordinates.view(cot, along)).clamp(0.0, 1.0).powi(2)
+                })
+            })
+            .sum();
+        sum.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The middle of the cell that is `j`/[`MEASURED`] of the way along an axis.
+fn middle(j: usize, count: usize) -> f64 {
+    ((j * (count - 2) / (MEASURED - 1)) as f64 + 0.5) / (count - 1) as f64
+}
+
+/// The cell of a coordinate in [0, 1], and the place in it.
+fn locate(x: f64, count: usize) -> (usize, f64) {
+    let x = x.clamp(0.0, 1.0) * (count - 1) as f64;
+    let cell = (x as usize).min(count - 2);
+    (cell, x - cell as f64)
+}
+
+/// Hermite's cubics at both ends of a cell, for value and derivative.
+fn hermite(t: f64) -> [[f64; 2]; 2] {
+    let rest = 1.0 - t;
+    [[rest * rest * (1.0 + 2.0 * t), t * rest * rest], [t * t * (1.0 + 2.0 * rest), -t * t * rest]]
+}
+
+/// Chebyshev's points of the second kind on [0, 1], ascending.
+fn chebyshev(count: usize) -> Vec<f64> {
+    (0..count).map(|k| 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / (count - 1) as f64).cos()).collect()
+}
+
+/// Barycentric weights of Chebyshev's points.
+fn weight(k: usize, count: usize) -> f64 {
+    let size = if k == 0 || k == count - 1 { 0.5 } else { 1.0 };
+    if k.is_multiple_of(2) { size } else { -size }
+}
+
+/// Values at `count` even points from values at Chebyshev's, along the first axis: the barycentric formula (Berrut & Trefethen 2004,
+/// Eq. 4.2 with 5.4).
+fn along_first(nodes: &[f64], values: &[f64], count: usize) -> Vec<f64> {
+    let inner = values.len() / nodes.len();
+    let mut out = vec![0.0; count * inner];
+    for (k, out) in out.chunks_exact_mut(inner).enumerate() {
+        let x = k as f64 / (count - 1) as f64;
+        if let Some(hit) = nodes.iter().position(|&node| (node - x).abs() < 1e-14) {
+            out.copy_from_slice(&values[hit * inner..][..inner]);
+            continue;
+        }
+        let weights: Vec<f64> =
+            nodes.iter().enumerate().map(|(j, &node)| weight(j, nodes.len()) / (x - node)).collect();
+        let sum: f64 = weights.iter().sum();
+        for (weight, values) in weights.iter().zip(values.chunks_exact(inner)) {
+            out.iter_mut().zip(values).for_each(|(out, value)| *out += weight / sum * value);
+        }
+    }
+    out
+}
+
+/// Derivatives along the first axis at Chebyshev's points of the polynomials through the values there (Berrut & Trefethen 2004, Eq. 9.4).
+fn derivative(nodes: &[f64], values: &[f64]) -> Vec<f64> {
+    let count = nodes.len();
+    let inner = values.len() / count;
+    let mut out = vec![0.0; values.len()];
+    for (k, out) in out.chunks_exact_mut(inner).enumerate() {
+        let own = &values[k * inner..][..inner];
+        for (j, other) in values.chunks_exact(inner).enumerate().filter(|&(j, _)| j != k) {
+            let share = weight(j, count) / weight(k, count) / (nodes[k] - nodes[j]);
+            for (out, (other, own)) in out.iter_mut().zip(other.iter().zip(own)) {
+                *out += share * (other - own);
+            }
+        }
+    }
+    out
+}
+
+/// Moves the first axis, of the given length, behind the others.
+fn turn(values: &[f64], first: usize) -> Vec<f64> {
+    let inner = values.len() / first;
+    (0..inner).flat_map(|j| (0..first).map(move |i| values[i * inner + j])).collect()
+}
