@@ -1,6 +1,7 @@
 # make demo    install into .venv, render the spheres scene with both materials, say where the picture is
 # make test    formatting, lints, Rust tests, plugin build, Python tests
 # make bench   speed, as ratios measured in one run
+# make gallery every effect off and on, and what it costs: docs/gallery.png
 # make report  what accuracy costs in time: measure, and write out/accuracy/report.html
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -11,7 +12,7 @@ SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pyc
            Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
 DEMO := out/demo
 
-.PHONY: demo test rust-test python-test bench report format clean tools
+.PHONY: demo test rust-test python-test bench gallery report format clean tools
 
 demo: $(VENV)/installed
 	$(BIN)/sgtd compare scenes/spheres.xml -o $(DEMO) --set distribution=student --set gamma=1.6
@@ -37,6 +38,9 @@ bench: $(VENV)/installed
 	cargo bench --locked --bench ratios
 	$(BIN)/python benches/render.py
 	$(BIN)/python benches/effects.py
+
+gallery: $(VENV)/installed
+	$(BIN)/python benches/gallery.py
 
 report: $(VENV)/installed
 	$(BIN)/sgtd accuracy -o out/accuracy

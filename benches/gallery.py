@@ -34,9 +34,9 @@ EFFECTS = (
     ),
     Effect(
         "kurtosis",
-        ("p 1", "p 6"),
+        ("p 1", "p 4"),
         {**SILVER, "alpha": 0.3, "gamma": 4.0},
-        {**SILVER, "alpha": 0.3, "gamma": 4.0, "p": 6.0},
+        {**SILVER, "alpha": 0.3, "gamma": 4.0, "p": 4.0},
     ),
     Effect(
         "shift",
@@ -71,8 +71,8 @@ EFFECTS = (
     Effect(
         "visible normals, 8 samples per pixel",
         ("D cos", "visible"),
-        {**SILVER, "alpha": 0.5, "gamma": 1.9, "sample_visible": False},
-        {**SILVER, "alpha": 0.5, "gamma": 1.9},
+        {**SILVER, "alpha": 1.0, "gamma": 1.9, "sample_visible": False},
+        {**SILVER, "alpha": 1.0, "gamma": 1.9},
     ),
     Effect(
         "transmission",
@@ -163,8 +163,8 @@ def main(output: Path, repetitions: int) -> None:
             costs = interleaved(timed(pair[1], 32), timed(pair[0], 32), repetitions)
             spp = 8 if "8 samples" in effect.name else 512
             for side, (one, caption) in enumerate(zip(pair, effect.captions)):
-                left, bottom = (k % ROW + 0.02 + 0.475 * side) / ROW, 1 - (k // ROW + 0.9) / rows
-                axes = figure.add_axes((left, bottom, 0.465 / ROW, 0.74 / rows))
+                left, bottom = (k % ROW + 0.02 + 0.475 * side) / ROW, 1 - (k // ROW + 0.83) / rows
+                axes = figure.add_axes((left, bottom, 0.465 / ROW, 0.73 / rows))
                 axes.imshow(displayed(one, spp))
                 axes.set_axis_off()
                 text = f"{caption}\ntime × {np.median(costs):.2f}" if side else caption

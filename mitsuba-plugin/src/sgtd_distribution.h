@@ -18,7 +18,7 @@ NAMESPACE_BEGIN(mitsuba)
  * Scalar variants call the Rust core, the others evaluate the same formulas in single precision on
  * the core's tables. All formulas are in stretched slopes: a normal m has the slope (x, y) =
  * (m.x/alpha_u, m.y/alpha_v) / m.z of radius rho, and a direction w becomes (alpha_u w.x, alpha_v
- * w.y, w.z), normalized, with cosine c and sine s.
+ * w.y, w.z). Its length does not matter, so c and s are its cosine and sine times any number.
  */
 template <typename Float, typename Spectrum> class SgtdDistribution {
 public:
@@ -260,7 +260,7 @@ private:
     };
 
     Vector3f stretch(const Vector3f &w) const {
-        return dr::normalize(Vector3f(m_alpha_u * w.x(), m_alpha_v * w.y(), w.z()));
+        return Vector3f(m_alpha_u * w.x(), m_alpha_v * w.y(), w.z());
     }
 
     /// Linear mixture of the rows `index` and `index + 1` of the visible-normal table.

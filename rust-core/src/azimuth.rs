@@ -25,11 +25,11 @@ pub struct Azimuth {
 }
 
 impl Azimuth {
-    /// For cosine c ≥ 0 and sine s of the stretched view, and slope ρ.
+    /// For cosine c ≥ 0 and sine s of the stretched view, both times any positive number, and slope ρ.
     pub fn new(cos: f64, sin: f64, rho: f64) -> Self {
         let b = rho * sin;
         let sum = cos + b;
-        let unit = if sum > 0.0 { 1.0 / sum } else { 0.0 };
+        let unit = if sum >= f64::MIN_POSITIVE { 1.0 / sum } else { 0.0 };
         let (d, a) = ((cos - b).max(0.0) * unit, cos.min(b) * unit);
         let e = ((b - cos).max(0.0) * unit).sqrt();
         let limit = if e > 0.0 { PI - e.atan2(a) } else { PI };
@@ -66,7 +66,7 @@ impl Azimuth {
         let root = 0.5 * self.e * target;
         let cube = self.d * self.d * self.d + root * root.sqrt() + self.a * target * target * (1.0 / 6.0);
         let start = if cube > 0.0 { (target / rough_cbrt(cube)).min(self.limit) } else { 0.0 };
-        let first = self.terms(start);
+        let first = self.rough_terms(start);
         let second = self.terms(self.improve(&first, target));
         self.moved(&second, self.improve(&second, target))
     }
@@ -81,6 +81,15 @@ impl Azimuth {
 
     fn terms(&self, psi: f64) -> Terms {
         let (sin, cos) = (0.5 * psi).sin_cos();
+        self.assemble(psi, 2.0 * sin * cos, 2.0 * sin * sin)
+    }
+
+    /// The terms to 2e-4, which is less than a step of Halley's method leaves at the start.
+    fn rough_terms(&self, psi: f64) -> Terms {
+        let x = 0.5 * psi;
+        let square = x * x;
+        let sin = x * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0))));
+        let cos = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40320.0))));
         self.assemble(psi, 2.0 * sin * cos, 2.0 * sin * sin)
     }
 

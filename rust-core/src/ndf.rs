@@ -74,19 +74,17 @@ pub struct Ndf {
     factor: f64,
 }
 
-/// A direction in stretched slope space.
+/// A direction in stretched slope space, at any length: masking and sampling depend on ratios alone.
 struct Stretched {
     direction: DVec3,
-    /// sin of the stretched polar angle
-    sin: f64,
+    /// its length across the normal
+    across: f64,
 }
 
 impl Stretched {
     fn new(alpha: Roughness, w: DVec3) -> Self {
-        let v = DVec3::new(alpha.u * w.x, alpha.v * w.y, w.z);
-        let length = v.length();
-        let direction = if length > 0.0 { v / length } else { DVec3::Z };
-        Self { direction, sin: norm(direction.x, direction.y) }
+        let direction = DVec3::new(alpha.u * w.x, alpha.v * w.y, w.z);
+        Self { direction, across: norm(direction.x, direction.y) }
     }
 }
 
@@ -243,12 +241,12 @@ impl Ndf {
         if facing <= 0.0 {
             return 0.0;
         }
-        let mixture = self.visible_table.mixture(view.direction.z, view.sin);
+        let mixture = self.visible_table.mixture(view.direction.z, view.across);
         let radial = self.visible_table.density(mixture, rho * rho);
         if radial == 0.0 {
             return 0.0;
         }
-        let azimuth = Azimuth::new(view.direction.z, view.sin, rho);
+        let azimuth = Azimuth::new(view.direction.z, view.across, rho);
         finite(2.0 * radial * facing / azimuth.mass() / (alpha.u * alpha.v * m.z * m.z * m.z))
     }
 
@@ -258,16 +256,19 @@ impl Ndf {
             return INVALID;
         }
         let view = Stretched::new(alpha, wi);
-        let mixture = self.visible_table.mixture(view.direction.z, view.sin);
+        let mixture = self.visible_table.mixture(view.direction.z, view.across);
         let Some((y, radial)) = self.visible_table.sample(mixture, u.0) else { return INVALID };
         let rho = y.sqrt();
-        let azimuth = Azimuth::new(view.direction.z, view.sin, rho).sample(u.1);
+        let azimuth = Azimuth::new(view.direction.z, view.across, rho).sample(u.1);
         if azimuth.share <= 0.0 {
             return INVALID;
         }
         // the azimuth is counted from that of the view
-        let (cos_view, sin_view) =
-            if view.sin > 0.0 { (view.direction.x / view.sin, view.direction.y / view.sin) } else { (1.0, 0.0) };
+        let (cos_view, sin_view) = if view.across > 0.0 {
+            (view.direction.x / view.across, view.direction.y / view.across)
+        } else {
+            (1.0, 0.0)
+        };
         let (sin, cos) = (azimuth.sin, azimuth.cos);
         let slope = (rho * (cos * cos_view - sin * sin_view), rho * (sin * cos_view + cos * sin_view));
         self.finish(alpha, rho, slope, 2.0 * radial * azimuth.share)

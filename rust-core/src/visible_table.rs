@@ -127,7 +127,7 @@ impl VisibleTable {
         self.scale
     }
 
-    /// The row coordinate for a stretched view with the given cosine and sine.
+    /// The row coordinate for a stretched view with the given cosine and sine, both times any positive number.
     pub fn mixture(&self, cos: f64, sin: f64) -> Mixture {
         if self.rows < ROWS {
             return self.unseen();
