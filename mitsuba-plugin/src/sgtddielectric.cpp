@@ -296,7 +296,7 @@ private:
         m_inv_eta = dr::rcp(m_eta);
         dr::make_opaque(m_eta, m_inv_eta);
 
-        // Decided without values, it would be wrong for some
+        // Where its value is not known, eta may be anything
         m_match = Float();
         if (!readable || !(m_last_eta > .25f && m_last_eta < 4.f) ||
             std::abs(m_last_eta - 1.f) < 1e-3f) {
@@ -366,8 +366,12 @@ private:
         Float eta      = dr::select(side > 0.f, m_eta, m_inv_eta),
               inv_eta  = dr::select(side > 0.f, m_inv_eta, m_eta);
 
-        // The half vector, and the normal that it is along, turned up
-        Vector3f scaled = wo * dr::select(reflected, Float(1.f), eta), h = si.wi + scaled;
+        // The half vector, and the normal that it is along, turned up. Near eta = 1 it cancels: a
+        // sum that is rounded as the compiler likes would be another one in pdf() than in
+        // eval_pdf()
+        Float scale = dr::select(reflected, Float(1.f), eta);
+        Vector3f h(dr::fmadd(wo.x(), scale, si.wi.x()), dr::fmadd(wo.y(), scale, si.wi.y()),
+                   dr::fmadd(wo.z(), scale, si.wi.z()));
         Float h2    = dr::maximum(dr::squared_norm(h), 1e-30f);
         Vector3f m  = dr::mulsign(Vector3f(h * dr::rsqrt(h2)), h.z());
         Float dot_i = dr::dot(si.wi, m), dot_o = dr::dot(wo, m);
@@ -405,8 +409,8 @@ private:
             Vector3f wi = dr::mulsign(si.wi, side);
             Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
             if constexpr (Value) {
-                D   = distr.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(scaled, h.z()));
-                G   = masking(distr, wi, wo, m, reflected);
+                D = distr.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(Vector3f(wo * scale), h.z()));
+                G = masking(distr, wi, wo, m, reflected);
                 lit = D > 0.f;
             }
             if constexpr (Pdf)
