@@ -83,14 +83,13 @@ def test_equal_to_roughdielectric(variant, distribution, roughness, visible, ior
                 assert np.median(error) < 1e-6 and np.quantile(error, 0.999) < 1e-3, (name, component, error.max())
 
 
-# Operations of the LLVM kernels of eval_pdf, pdf and sample beyond those of roughdielectric. They are above 0 where all normals are
-# drawn: pdf() has a guard against densities that are not finite, which visible normals pay for by sharing, and the weight of a sample
-# is the value by the density, which takes D and masking of the view at the roughness that is not widened, and a division.
+# Operations of the LLVM kernels of eval_pdf, pdf and sample beyond those of roughdielectric. They are above 0 for samples of
+# all normals alone, whose weight is the value by the density: D at the roughness that is not widened, and a division.
 BEYOND = {
     ("ggx", True): (0, 0, 0),
     ("beckmann", True): (0, 0, 0),
-    ("ggx", False): (0, 3, 17),
-    ("beckmann", False): (0, 2, 49),
+    ("ggx", False): (0, 0, 16),
+    ("beckmann", False): (0, 0, 49),
 }
 
 
@@ -571,7 +570,7 @@ def test_polarization_is_that_of_smooth_glass(transport, component):
     assert np.abs(our_wo - their_wo)[seen].max() < 1e-3
     # off the diagonal there is polarization to be compared, and the bases count
     assert np.abs(theirs[:, 0, 1:3]).max() > 0.02
-    assert np.abs(ours - theirs).max() < 5e-3
+    assert np.abs(ours - theirs).max() < 5e-4
 
 
 def test_polarized_light_and_importance():
