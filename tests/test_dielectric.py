@@ -573,6 +573,29 @@ def test_polarization_is_that_of_smooth_glass(transport, component):
     assert np.abs(ours - theirs).max() < 5e-4
 
 
+def test_polarization_through_a_tilted_facet():
+    """Fresnel's matrix of the facet, between the bases of the two directions; swapped ones are off by 0.8, unless the facet is upright."""
+    conftest.use("llvm_ad_mono_polarized")
+    m = np.array(sc.direction(25.0, 60.0))
+    wi = sc.uniform_directions(np.random.default_rng(21), 200)
+    wi = wi[(wi @ m > 0.1) & (wi[:, 2] > 0.1)]
+    wo, there = sc.refract(wi, np.tile(m, (len(wi), 1)), 1.5)
+    keep = there & (wo[:, 2] < -0.1)
+    si = dr.zeros(mi.SurfaceInteraction3f, np.count_nonzero(keep))
+    si.wi, out = (mi.Vector3f(w[keep].T.astype(np.float32)) for w in (wi, wo))
+    facet = mi.Normal3f(*m.tolist())
+    fresnel = mi.mueller.specular_transmission(
+        mi.UnpolarizedSpectrum(dr.dot(si.wi, facet)), mi.UnpolarizedSpectrum(1.5)
+    )
+    axes = (dr.normalize(dr.cross(facet, w)) for w in (-out, si.wi))
+    bases = [mi.mueller.stokes_basis(w) for w in (-out, si.wi)]
+    wanted = mi.mueller.rotate_mueller_basis(fresnel, -out, next(axes), bases[0], si.wi, next(axes), bases[1])
+    found = load(gamma=1.7, alpha=0.5, **GLASS).eval(sc.context(mode(RADIANCE)), si, out)
+    a, b = (matrices(M, np.count_nonzero(keep)) for M in (found, wanted))
+    assert len(a) > 100 and (a[:, 0, 0] > 0).all()
+    assert np.abs(a / a[:, :1, :1] - b / b[:, :1, :1]).max() < 1e-5
+
+
 def test_polarized_light_and_importance():
     """Importance from wo to wi is the matrix of radiance from wi to wo: the same light path."""
     conftest.use("llvm_ad_mono_polarized")
