@@ -129,54 +129,58 @@ public:
         BSDFSample3f bs = dr::zeros<BSDFSample3f>();
         bool reflects   = ctx.is_enabled(BSDFFlags::GlossyReflection, 0),
              transmits  = ctx.is_enabled(BSDFFlags::GlossyTransmission, 1);
-        // A view from below is turned about the origin: D and G are even
         Float side = Frame3f::cos_theta(si.wi), cos_i = dr::abs(side);
         active &= cos_i > 0.f;
         if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
             return { bs, 0.f };
+        // A view from below is turned about the origin: D and G are even
         Vector3f wi = dr::mulsign(si.wi, side);
 
-        auto finish = [&](const auto &distr, const Normal3f &m, const Float &pdf_m,
-                          const Float &d_over_pdf) -> std::pair<BSDFSample3f, Spectrum> {
-            Float dot_i = dr::dot(wi, m);
-            active &= pdf_m > 0.f && dot_i > 0.f;
+        // `weigh` gives D G / (pdf_m cos_i) times wi.m
+        auto finish = [&](const Normal3f &m, const Float &pdf_m,
+                          const auto &weigh) -> std::pair<BSDFSample3f, Spectrum> {
+            Float dot_i = dr::dot(si.wi, m);
+            if (!ordinary()) // otherwise bs.pdf > 0 says so
+                active &= pdf_m > 0.f;
 
-            auto [F, cos_t, eta, inv_eta] = fresnel(dr::mulsign(dot_i, side), m_eta);
-            cos_t                         = dr::abs(cos_t);
-            Float T                       = 1.f - F;
+            auto [F, cos_t, eta, inv_eta] = fresnel(dot_i, m_eta);
             Mask reflected                = reflects;
             if (reflects && transmits)
                 reflected = sample1 < dr::detach(F);
+            Float share = dr::select(reflected, F, 1.f - F), weight = share, probability = 1.f;
+            if (reflects && transmits) {
+                // What is drawn as often as it is worth weighs 1, but has a derivative
+                probability = dr::detach(share);
+                weight      = 1.f;
+                if constexpr (dr::is_diff_v<Float>)
+                    if (dr::grad_enabled(share))
+                        weight = share / dr::maximum(probability, 1e-30f);
+            } else {
+                active &= share > 0.f;
+            }
 
-            Float share = dr::select(reflected, F, T), probability = 1.f;
-            active &= share > 0.f;
-            if (reflects && transmits)
-                probability = dr::detach(dr::maximum(share, 1e-30f));
-
-            Mask straight = !reflected && index_matched(eta);
-            // At great indices, refract() cancels, and its result is no longer as long as 1
-            Vector3f wo              = dr::select(reflected, reflect(wi, m),
-                                                  dr::normalize(refract(wi, m, -cos_t, inv_eta)));
-            dr::masked(wo, straight) = -wi;
-            // A cosine below 1e-7 is the rounding of the direction, its sign included
-            active &= dr::mulsign_neg(Frame3f::cos_theta(wo),
-                                      dr::select(reflected, Float(-1.f), Float(1.f))) > 1e-7f;
+            Mask straight      = !reflected && index_matched(eta);
+            Vector3f refracted = refract(si.wi, m, cos_t, inv_eta);
+            if (!ordinary()) // at great indices it cancels, and is no longer as long as 1
+                refracted = dr::normalize(refracted);
+            bs.wo                       = dr::select(reflected, reflect(si.wi, m), refracted);
+            dr::masked(bs.wo, straight) = -si.wi;
 
             // wi.m - eta cos_t, by Snell's law without the cancellation at eta = 1
-            Float sum            = dr::fmadd(eta, cos_t, dot_i),
-                  less           = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
-                  jacobian       = dr::select(reflected, dr::rcp(4.f * dr::dot(wo, m)),
-                                              dr::square(eta / less) * cos_t);
+            dot_i      = dr::abs(dot_i);
+            cos_t      = dr::abs(cos_t);
+            Float sum  = dr::fmadd(eta, cos_t, dot_i),
+                  less = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
+                  jacobian =
+                      dr::select(reflected, dr::rcp(4.f * dot_i), dr::square(eta / less) * cos_t);
             bs.pdf               = probability * dr::select(straight, 1.f, pdf_m * jacobian);
-            bs.wo                = dr::mulsign(wo, side);
             bs.eta               = dr::select(reflected, 1.f, eta);
             bs.sampled_component = dr::select(reflected, UInt32(0), UInt32(1));
             bs.sampled_type      = dr::select(reflected, UInt32(+BSDFFlags::GlossyReflection),
                                               dr::select(straight, UInt32(+BSDFFlags::DeltaTransmission),
                                                          UInt32(+BSDFFlags::GlossyTransmission)));
 
-            Float weight = d_over_pdf * masking(distr, wi, wo, m, reflected) * dot_i / cos_i *
-                           (share / probability);
+            weight *= weigh(bs.wo, reflected, dot_i);
             if (ctx.mode == TransportMode::Radiance)
                 weight *= dr::select(reflected, 1.f, dr::square(inv_eta));
             active &= dr::isfinite(weight) && dr::isfinite(bs.pdf) && bs.pdf > 0.f;
@@ -186,17 +190,34 @@ public:
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
             MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
-            auto [m, pdf] = widened(distr, cos_i).sample(wi, sample2);
-            // Exactly D / pdf where normals are visible ones, also where both underflow
-            Float d_over_pdf =
-                m_sample_visible
-                    ? Float(cos_i / dr::maximum(distr.smith_g1(wi, m) * dr::dot(wi, m), 1e-30f))
-                    : Float(distr.eval(m) / dr::maximum(pdf, 1e-30f));
-            return finish(distr, m, pdf, d_over_pdf);
+            auto [m_, pdf_] = widened(distr, cos_i).sample(wi, sample2);
+            Normal3f m      = m_;
+            Float pdf_m     = pdf_;
+            return finish(
+                m, pdf_m, [&](const Vector3f &wo, const Mask &reflected, const Float &dot_i) {
+                    if (!m_sample_visible)
+                        return Float(distr.eval(m) / dr::maximum(pdf_m, 1e-30f) *
+                                     masking(distr, si.wi, wo, m, reflected) * dot_i / cos_i);
+                    // What is left of D, exactly, also where D and the density underflow
+                    return m_height_correlated ? Float(masking(distr, si.wi, wo, m, reflected) /
+                                                       distr.smith_g1(si.wi, m))
+                                               : distr.smith_g1(wo, m);
+                });
         } else {
             Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
             auto drawn = distr.sample(wi, sample2);
-            return finish(distr, drawn.m, drawn.pdf, drawn.d_over_pdf);
+            active &= dr::dot(wi, drawn.m) > 0.f;
+            return finish(
+                drawn.m, drawn.pdf,
+                [&](const Vector3f &wo, const Mask &reflected, const Float &dot_i) {
+                    // A cosine below 1e-7 is the rounding of the direction, its sign
+                    // included
+                    active &=
+                        dr::mulsign_neg(dr::mulsign(Frame3f::cos_theta(wo), side),
+                                        dr::select(reflected, Float(-1.f), Float(1.f))) > 1e-7f;
+                    return Float(drawn.d_over_pdf * masking(distr, wi, wo, drawn.m, reflected) *
+                                 dot_i / cos_i);
+                });
         }
     }
 
@@ -274,11 +295,29 @@ private:
         }
         m_inv_eta = dr::rcp(m_eta);
         dr::make_opaque(m_eta, m_inv_eta);
+
+        // Where its value is not known, eta may be anything
+        m_match = Float();
+        if (!readable || !(m_last_eta > .25f && m_last_eta < 4.f) ||
+            std::abs(m_last_eta - 1.f) < 1e-3f) {
+            m_match = 1e-5f;
+            dr::make_opaque(m_match);
+        }
+    }
+
+    /// Is eta for certain neither equal to 1 nor so great or small that refract() cancels?
+    bool ordinary() const {
+        if constexpr (dr::is_jit_v<Float>)
+            return dr::width(m_match) == 0;
+        else
+            return m_match == 0;
     }
 
     /// Is eta so near 1 that light passes straight on? There a direction's rounding, 1e-7, is one
     /// percent of the half vector wi + eta wo.
-    static Mask index_matched(const Float &eta) { return dr::abs(eta - 1.f) < 1e-5f; }
+    Mask index_matched(const Float &eta) const {
+        return ordinary() ? Mask(false) : Mask(dr::abs(eta - 1.f) < m_match);
+    }
 
     // ------------------------------------------------------------------
     //  Evaluation
@@ -292,80 +331,95 @@ private:
         return distr;
     }
 
-    /// Masking and shadowing; `wo` is on the side of `wi` if `reflected`.
+    /// Masking and shadowing; `wo` is on the side of `wi` if `reflected`. A facet is seen from a
+    /// direction as its reverse is from the opposite one.
     template <typename Distr> Float masking(const Distr &distr, const Vector3f &wi,
                                             const Vector3f &wo, const Vector3f &m,
                                             const Mask &reflected) const {
-        // A facet is seen from wo as its reverse is from -wo
-        Vector3f up = dr::mulsign(wo, Frame3f::cos_theta(wo));
-        Mask faces  = dr::dot(wo, m) * Frame3f::cos_theta(wo) > 0.f;
-        Float G;
-        if constexpr (std::is_same_v<Distr, Distribution>)
-            G = distr.G(wi, up, m, m_height_correlated);
-        else
-            G = builtin_g2(distr, wi, up, m);
-        if (m_height_correlated)
-            G = dr::select(reflected, G,
-                           correlated_transmission(distr.smith_g1(wi, m), distr.smith_g1(up, m)));
-        return dr::select(faces, G, 0.f);
+        if constexpr (std::is_same_v<Distr, Distribution>) {
+            Vector3f up = dr::mulsign(wo, Frame3f::cos_theta(wo));
+            Float G     = distr.G(wi, up, m, m_height_correlated);
+            return m_height_correlated ? correlated(distr, wi, up, m, reflected, G) : G;
+        } else {
+            Float G = builtin_g2(distr, wi, wo, m);
+            return m_height_correlated ? correlated(distr, wi, wo, m, reflected, G) : G;
+        }
+    }
+
+    /// Masking and shadowing correlated by height, from that of a reflection.
+    template <typename Distr>
+    static Float correlated(const Distr &distr, const Vector3f &wi, const Vector3f &wo,
+                            const Vector3f &m, const Mask &reflected, const Float &reflection) {
+        return dr::select(reflected, reflection,
+                          correlated_transmission(distr.smith_g1(wi, m), distr.smith_g1(wo, m)));
     }
 
     /// The value of the BSDF times the cosine, and the density of `wo` under sample().
     template <bool Value, bool Pdf>
     std::pair<Spectrum, Float> evaluate(const BSDFContext &ctx, const SurfaceInteraction3f &si,
-                                        const Vector3f &wo_, Mask active) const {
+                                        const Vector3f &wo, Mask active) const {
         bool reflects  = ctx.is_enabled(BSDFFlags::GlossyReflection, 0),
              transmits = ctx.is_enabled(BSDFFlags::GlossyTransmission, 1);
-        Float side     = Frame3f::cos_theta(si.wi);
-        Vector3f wi = dr::mulsign(si.wi, side), wo = dr::mulsign(wo_, side);
-        Float cos_i = Frame3f::cos_theta(wi), cos_o = Frame3f::cos_theta(wo);
-        Mask reflected = cos_o > 0.f;
+        Float side = Frame3f::cos_theta(si.wi), cos_i = dr::abs(side),
+              cos_o    = Frame3f::cos_theta(wo);
+        Mask reflected = dr::mulsign(cos_o, side) > 0.f;
         Float eta      = dr::select(side > 0.f, m_eta, m_inv_eta),
               inv_eta  = dr::select(side > 0.f, m_inv_eta, m_eta);
 
-        // The half vector, turned up, as the sum of a and b
-        Vector3f b = dr::select(reflected, wo, wo * eta), a = wi;
-        Float h_z   = a.z() + b.z();
-        a           = dr::mulsign(a, h_z);
-        b           = dr::mulsign(b, h_z);
-        Vector3f h  = a + b;
+        // The half vector, and the normal that it is along, turned up. Near eta = 1 it cancels: a
+        // sum that is rounded as the compiler likes would be another one in pdf() than in
+        // eval_pdf()
+        Float scale = dr::select(reflected, Float(1.f), eta);
+        Vector3f h(dr::fmadd(wo.x(), scale, si.wi.x()), dr::fmadd(wo.y(), scale, si.wi.y()),
+                   dr::fmadd(wo.z(), scale, si.wi.z()));
         Float h2    = dr::maximum(dr::squared_norm(h), 1e-30f);
-        Vector3f m  = h * dr::rsqrt(h2);
-        Float dot_i = dr::dot(wi, m), dot_o = dr::dot(wo, m);
+        Vector3f m  = dr::mulsign(Vector3f(h * dr::rsqrt(h2)), h.z());
+        Float dot_i = dr::dot(si.wi, m), dot_o = dr::dot(wo, m);
 
-        // Both directions see the same side of the facet. Products of denormal cosines are 0, and
-        // their quotients not a number.
-        active &= dr::minimum(cos_i, dr::abs(cos_o)) > 1e-30f && dot_i > 0.f &&
-                  dot_o * cos_o > 0.f &&
-                  dr::select(reflected, Mask(reflects), Mask(transmits) && !index_matched(eta));
+        // Both directions see the same side of the facet
+        active &= dot_i * side > 0.f && dot_o * cos_o > 0.f;
+        if (!reflects)
+            active &= !reflected;
+        if (!transmits)
+            active &= reflected;
+        else if (!ordinary())
+            active &= reflected || !index_matched(eta);
         if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
             return { 0.f, 0.f };
 
+        Float F = std::get<0>(fresnel(dot_i, m_eta)), share = dr::select(reflected, F, 1.f - F);
+        dot_i = dr::abs(dot_i);
+        dot_o = dr::abs(dot_o);
+
         Float D = 0.f, G = 0.f, pdf_m = 0.f;
+        Mask lit                = true;
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
             MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
-            if constexpr (Value) {
+            if constexpr (Value || Pdf)
                 D = distr.eval(m);
-                G = masking(distr, wi, wo, m, reflected);
-            }
+            if constexpr (Value)
+                G = masking(distr, si.wi, wo, m, reflected);
             if constexpr (Pdf)
-                pdf_m = widened(distr, cos_i).pdf(wi, m);
+                pdf_m = m_sample_visible ? Float(D * distr.smith_g1(si.wi, m) * dot_i / cos_i)
+                                         : widened(distr, cos_i).pdf(si.wi, m);
         } else {
+            // Products of denormal cosines are 0, and their quotients not a number
+            active &= dr::minimum(cos_i, dr::abs(cos_o)) > 1e-30f;
+            Vector3f wi = dr::mulsign(si.wi, side);
             Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
             if constexpr (Value) {
-                D = distr.eval(a, b);
+                D = distr.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(Vector3f(wo * scale), h.z()));
                 G = masking(distr, wi, wo, m, reflected);
+                lit = D > 0.f;
             }
             if constexpr (Pdf)
                 pdf_m = distr.pdf(wi, m);
         }
 
-        Float F     = std::get<0>(fresnel(dr::mulsign(dot_i, side), m_eta)),
-              share = dr::select(reflected, F, 1.f - F);
         // d(m) / d(wo); h is as long as wi.m + eta wo.m
         Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_o, 1e-18f)),
-                                    dr::square(eta) * dr::abs(dot_o) / h2);
+                                    dr::square(eta) * dot_o / h2);
 
         Spectrum value(0.f);
         if constexpr (Value) {
@@ -374,8 +428,8 @@ private:
             if (ctx.mode == TransportMode::Radiance)
                 result *= dr::select(reflected, 1.f, dr::square(inv_eta));
             // Within 1e-18 of grazing, D and 1/cos leave single precision
-            value = colored(ctx, si, wo_, m, result, reflected,
-                            active && D > 0.f && dr::isfinite(result));
+            value =
+                colored(ctx, si, wo, m, result, reflected, active && lit && dr::isfinite(result));
         }
         Float pdf = 0.f;
         if constexpr (Pdf) {
@@ -415,9 +469,13 @@ private:
     ref<Texture> m_specular_reflectance, m_specular_transmittance;
     /// Relative index of refraction below the surface, and above it
     Float m_eta, m_inv_eta;
+    /// Distance from 1 within which an index counts as equal; absent (0 in scalar variants) where
+    /// eta is ordinary. A frozen function notices that by the variables it meets.
+    Float m_match;
     ScalarFloat m_last_eta = 1;
 
-    MI_TRAVERSE_CB(Base, m_specular_reflectance, m_specular_transmittance, m_eta, m_inv_eta)
+    MI_TRAVERSE_CB(Base, m_specular_reflectance, m_specular_transmittance, m_eta, m_inv_eta,
+                   m_match)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have
