@@ -288,26 +288,28 @@ private:
     /// The one row of a table without visible normals: the distribution of D cos.
     static Row normal_row() { return { UInt32(0), Float(1.f), true }; }
 
-    /// Index of the pair (C, g) at knot `j` in the first row of a mixture
-    static UInt32 pair_index(const Row &row, const UInt32 &j) {
-        return row.index * (Tables::Cells + 1) + j + Tables::FirstPair;
-    }
-
-    Vector2f pair(const UInt32 &index) const {
-        return dr::gather<Vector2f>(m_tables.visible, index);
-    }
-
     static Float mix(const Row &row, const Float &first, const Float &second) {
         return row.alone ? first : dr::fmadd(row.weight, first - second, second);
     }
 
-    /// C, the share of the mass above knot `j`
-    Float mass_above(const Row &row, const UInt32 &j) const {
-        UInt32 k    = 2u * pair_index(row, j);
-        Float first = dr::gather<Float>(m_tables.visible, k);
-        if (row.alone)
-            return first;
-        return mix(row, first, dr::gather<Float>(m_tables.visible, k + 2u * (Tables::Cells + 1u)));
+    /// As many values as one load fetches: eight times a load costs far less than eight gathers.
+    using Block = dr::Array<Float, Tables::Block>;
+
+    /// Block `k` of the knots; 0 is every eighth knot.
+    Block knot_block(const UInt32 &k) const { return dr::gather<Block>(m_tables.visible, k); }
+
+    /// Block `k` of the masses C above the knots; 0 is that of every eighth knot.
+    Block mass_block(const Row &row, const UInt32 &k) const {
+        constexpr uint32_t First = Tables::List / Tables::Block,
+                           Next  = Tables::RowSize / Tables::Block;
+        UInt32 index             = row.index * Next + k + First;
+        Block first              = dr::gather<Block>(m_tables.visible, index);
+        if (!row.alone) {
+            Block second = dr::gather<Block>(m_tables.visible, index + Next);
+            for (size_t i = 0; i < Tables::Block; ++i)
+                first[i] = mix(row, first[i], second[i]);
+        }
+        return dr::detach(first);
     }
 
     /// Cell of a monotone rational-quadratic spline (Gregory & Delbourgo 1982): mass over y =
@@ -337,12 +339,16 @@ private:
 
     Cell cell_at(const Row &row, const UInt32 &j) const {
         // Two rows (a, b), each at both ends of the cell
-        UInt32 k = pair_index(row, j), stride = Tables::Cells + 1;
-        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = row.alone ? a0 : pair(k + stride),
-                 b1 = row.alone ? a1 : pair(k + stride + 1u);
+        constexpr uint32_t Next = Tables::RowSize / 2;
+        UInt32 k                = row.index * Next + j + Tables::List;
+        auto pair               = [&](const UInt32 &index) {
+            return dr::gather<Vector2f>(m_tables.visible, index);
+        };
+        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = row.alone ? a0 : pair(k + Next),
+                 b1 = row.alone ? a1 : pair(k + Next + 1u);
         Cell cell;
-        cell.y     = dr::gather<Float>(m_tables.visible, j);
-        cell.width = dr::gather<Float>(m_tables.visible, j + 1u) - cell.y;
+        cell.y     = dr::gather<Float>(m_tables.visible, j + Tables::Block);
+        cell.width = dr::gather<Float>(m_tables.visible, j + (Tables::Block + 1)) - cell.y;
         cell.above = mix(row, a0.x(), b0.x());
         // Differences within a row are exact, and may be far less than what they are taken from
         cell.below = mix(row, 1.f - a0.x(), 1.f - b0.x());
@@ -352,13 +358,17 @@ private:
         return cell;
     }
 
-    /// Largest j in [0, Cells) for which `holds(j)`, which is taken for granted at 0.
-    template <typename Holds> static UInt32 find_cell(const Holds &holds) {
-        static_assert((Tables::Cells & (Tables::Cells - 1)) == 0, "steps halve evenly");
-        UInt32 j = 0;
-        for (uint32_t step = Tables::Cells / 2; step > 0; step /= 2)
-            j = dr::select(holds(j + step), j + step, j);
-        return j;
+    /// The last cell whose left knot `holds`, which is taken for granted at the first of a block.
+    template <typename Blocks, typename Holds>
+    static UInt32 find_cell(const Blocks &block, const Holds &holds) {
+        auto count = [&](const Block &values) {
+            UInt32 n = 0u;
+            for (size_t i = 1; i < Tables::Block; ++i)
+                n += dr::select(holds(values[i]), UInt32(1u), UInt32(0u));
+            return n;
+        };
+        UInt32 k = count(block(UInt32(0u)));
+        return k * Tables::Block + count(block(k + 1u));
     }
 
     /// The last cell: normals so steep that their reflection is below the horizon. Never drawn.
@@ -367,10 +377,10 @@ private:
     /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost.
     std::pair<Float, Float> sample_radius(const Row &row, const Float &u) const {
         Float target = 1.f - u;
-        UInt32 j     = find_cell(
-            [&](const UInt32 &k) { return dr::detach(mass_above(row, k)) >= dr::detach(target); });
-        Mask lost = j == LostCell;
-        Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
+        UInt32 j     = find_cell([&](const UInt32 &k) { return mass_block(row, k); },
+                             [&](const Float &mass) { return mass >= dr::detach(target); });
+        Mask lost    = j == LostCell;
+        Cell cell    = cell_at(row, dr::minimum(j, LostCell - 1));
         // Mass of the cell below the target, counted from the nearer end of the distribution
         Float part = dr::select(u < .5f, u - cell.below, cell.above - target),
               q = dr::clip(part / dr::maximum(cell.mass, 1e-30f), 0.f, 1.f), tau = cell.invert(q);
@@ -379,9 +389,8 @@ private:
 
     /// Density of y under `sample_radius`.
     Float radial_pdf(const Row &row, const Float &y) const {
-        UInt32 j  = find_cell([&](const UInt32 &k) {
-            return dr::gather<Float>(m_tables.visible, k) <= dr::detach(y);
-        });
+        UInt32 j  = find_cell([&](const UInt32 &k) { return knot_block(k); },
+                             [&](const Float &knot) { return knot <= dr::detach(y); });
         Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
         Float tau = dr::clip((y - cell.y) / cell.width, 0.f, 1.f);
         return dr::select(j == LostCell, 0.f, cell.density(tau));

@@ -22,7 +22,10 @@ template <typename Float_> struct SgtdTables {
 
     /// Size of the visible-normal table, of which `sample_visible = false` has the last row alone.
     /// The core has the same constants; `load` compares.
-    static constexpr uint32_t Rows = 16, Cells = 64, FirstPair = (Cells + 2) / 2;
+    static constexpr uint32_t Rows = 16, Cells = 64, Block = 8;
+    /// Of a list of knots or masses, every eighth in front; of a row: the list of masses C and
+    /// pairs (C, g)
+    static constexpr uint32_t List = Block + Cells, RowSize = List + 2 * Cells;
 
     /// Size of the masking table's header: one entry per exponent of a float.
     static constexpr uint32_t Entries = 256;
@@ -38,8 +41,8 @@ template <typename Float_> struct SgtdTables {
     bool steep = false;
     /// The b of the row coordinate a / (a + b) of the visible-normal table
     Float scale;
-    /// Entries and cubics of the masking table; knots in rho^2 and pairs (C, g = -dC) of the
-    /// visible-normal table, C the share of the mass above the knot
+    /// Entries and cubics of the masking table; knots in rho^2 and rows of the visible-normal
+    /// table, C the share of the mass above a knot and g = -dC
     FloatBuffer lambda, visible;
 
     /**
@@ -70,7 +73,7 @@ template <typename Float_> struct SgtdTables {
             const sgtd::host::Shape &shape  = row.shape;
             if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
                 tables.visible_cells != Cells ||
-                tables.visible.size != 2 * (FirstPair + tables.visible_rows * (Cells + 1)) ||
+                tables.visible.size != List + tables.visible_rows * RowSize ||
                 tables.lambda_entries != Entries)
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");

@@ -19,8 +19,12 @@ use std::f64::consts::PI;
 pub const CELLS: usize = 64;
 /// Number of rows in a/(a + b).
 pub const ROWS: usize = 16;
-/// Pairs at which the first row starts in the flat table: 65 knots and one 0 of padding.
-pub const FIRST_PAIR: usize = (CELLS + 2) / 2;
+/// Values that are compared at a time: every eighth knot selects a block of eight.
+pub const BLOCK: usize = 8;
+/// Length of a list of knots or masses with every eighth in front.
+pub const LIST_SIZE: usize = BLOCK + CELLS;
+/// Length of a row in the flat table: the list of masses, and pairs of mass and density.
+pub const ROW_SIZE: usize = LIST_SIZE + 2 * CELLS;
 /// Stretched slopes beyond this are not drawn: their reflection is below the horizon for every view that is farther than
 /// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
 const SLOPE_CAP: f64 = 1e9;
@@ -73,10 +77,8 @@ impl VisibleTable {
         let scale = row_scale(profile);
         let breaks = profile.breaks(PLACING_DEPTH);
         let knots = place_knots(profile, &breaks, scale);
-        let mut flat = Vec::with_capacity(2 * (FIRST_PAIR + rows * (CELLS + 1)));
-        flat.extend(knots.iter().map(|&rho| (rho * rho) as f32));
-        flat.push(f32::INFINITY);
-        flat.push(0.0);
+        let mut flat = Vec::with_capacity(LIST_SIZE + rows * ROW_SIZE);
+        extend_list(&mut flat, &knots.iter().map(|&rho| (rho * rho) as f32).collect::<Vec<_>>());
         // nodes and profile are shared by all rows
         let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, &breaks, ends[0], ends[1])).collect();
         let factor = profile.normalization() / PI;
@@ -98,16 +100,17 @@ impl VisibleTable {
                 above[j] = above[j + 1] + masses[j];
             }
             let share = 1.0 / above[0];
+            let above: Vec<f32> = above.iter().map(|&mass| (share * mass) as f32).collect();
+            extend_list(&mut flat, &above);
             for (&rho, &above) in knots.iter().zip(&above) {
                 let density = factor * profile.f(rho) * view.kernel(rho);
-                flat.extend([(share * above) as f32, (share * density) as f32]);
+                flat.extend([above, (share * density) as f32]);
             }
-            flat.extend([0.0, 0.0]);
         }
         Self { flat, rows, scale }
     }
 
-    /// Knots (65, one 0 of padding), then rows of pairs (C, g).
+    /// The knots, every eighth in front of all 64; then rows: the masses C likewise, and 64 pairs (C, g).
     pub fn flat(&self) -> &[f32] {
         &self.flat
     }
@@ -119,7 +122,7 @@ impl VisibleTable {
 
     /// The finite knots as slopes ρ.
     pub fn slopes(&self) -> Vec<f64> {
-        self.flat[..CELLS].iter().map(|&y| f64::from(y).sqrt()).collect()
+        self.knots().iter().map(|&y| f64::from(y).sqrt()).collect()
     }
 
     /// The b of the row coordinate a/(a + b).
@@ -142,16 +145,21 @@ impl VisibleTable {
         Mixture { row: self.rows - 1, t: 0.0 }
     }
 
+    /// The finite knots, ρ².
+    pub fn knots(&self) -> &[f32] {
+        &self.flat[BLOCK..LIST_SIZE]
+    }
+
     fn knot(&self, j: usize) -> f64 {
-        f64::from(self.flat[j])
+        f64::from(self.flat[BLOCK + j])
     }
 
     /// Both rows of a mixture.
     #[inline]
     fn mixed(&self, mixture: Mixture) -> Rows<'_> {
         let row = |index: usize| {
-            let start = 2 * (FIRST_PAIR + index * (CELLS + 1));
-            self.flat[start..start + 2 * (CELLS + 1)].as_chunks::<2>().0
+            let start = LIST_SIZE + index * ROW_SIZE + LIST_SIZE;
+            self.flat[start..start + 2 * CELLS].as_chunks::<2>().0
         };
         Rows { first: row(mixture.row), second: row((mixture.row + 1).min(self.rows - 1)), t: mixture.t }
     }
@@ -196,6 +204,12 @@ impl VisibleTable {
         let cell = self.cell(rows, j);
         cell.density((y - cell.y) / cell.width)
     }
+}
+
+/// Appends every eighth value, then all of them.
+fn extend_list(flat: &mut Vec<f32>, values: &[f32]) {
+    flat.extend(values.iter().step_by(BLOCK));
+    flat.extend(values);
 }
 
 /// Two rows and where between them.

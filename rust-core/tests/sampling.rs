@@ -251,7 +251,7 @@ fn drawn_slopes_exhaust_the_density_that_is_reported() {
     all_cases().par_iter().for_each(|(name, case)| {
         let profile = case.profile();
         let table = VisibleTable::new(&profile, &MaskingIntegral::new(&profile, Rule::TABLE));
-        let knots: Vec<f64> = table.flat()[..CELLS].iter().map(|&y| f64::from(y)).collect();
+        let knots: Vec<f64> = table.knots().iter().map(|&y| f64::from(y)).collect();
         for a in [0.0, 1e-3, 0.1, 1.0, 10.0, 1e6] {
             let mixture = table.mixture(a / f64::hypot(a, 1.0), 1.0 / f64::hypot(a, 1.0));
             // the share of a cell that lies below `to`; beyond the cell's end its neighbor's density would be read

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use sgtd_core::lambda_table::{ENTRIES, FINEST_SINGLE, LambdaTable};
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness};
-use sgtd_core::visible_table::{CELLS, FIRST_PAIR, ROWS};
+use sgtd_core::visible_table::{BLOCK, CELLS, LIST_SIZE, ROW_SIZE, ROWS};
 
 const ACCURACIES: [f64; 10] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10];
 
@@ -120,39 +120,43 @@ fn flat_masking_table_gives_what_the_core_gives() {
     }
 }
 
-/// The layout that renderers read: 64 finite knots and ∞, one 0 of padding, then a row of pairs (C, g) for each view.
+/// The layout that renderers read: every eighth knot, all 64 knots, then for each view the masses C likewise and pairs (C, g).
 #[test]
 fn flat_visible_table_gives_what_the_core_gives() {
     for case in LIST {
         let ndf = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let table = ndf.visible_table();
         let flat = table.flat();
-        assert_eq!(flat.len(), 2 * (FIRST_PAIR + ROWS * (CELLS + 1)), "{case:?}");
-        assert_eq!((flat[0], flat[CELLS], flat[CELLS + 1]), (0.0, f32::INFINITY, 0.0), "{case:?}");
-        assert!(flat[..CELLS + 1].windows(2).all(|pair| pair[0] < pair[1]), "{case:?}: knots {:?}", &flat[..CELLS + 1]);
+        assert_eq!(flat.len(), LIST_SIZE + ROWS * ROW_SIZE, "{case:?}");
+        let every_eighth = |list: &[f32]| list[BLOCK..].iter().copied().step_by(BLOCK).collect::<Vec<_>>();
+        assert_eq!(flat[..BLOCK], every_eighth(&flat[..LIST_SIZE]), "{case:?}");
+        let knots = table.knots();
+        assert_eq!((knots.len(), knots[0]), (CELLS, 0.0), "{case:?}");
+        assert_eq!(knots, &flat[BLOCK..LIST_SIZE], "{case:?}");
+        assert!(knots.windows(2).all(|pair| pair[0] < pair[1]), "{case:?}: knots {knots:?}");
         assert!(table.scale() > 0.0 && table.scale().is_finite());
         assert!((table.scale() * std::f64::consts::PI / ndf.profile().mean() - 1.0).abs() < 1e-14, "{case:?}");
         let slopes = table.slopes();
         assert_eq!(slopes.len(), CELLS);
         assert!(
-            slopes.iter().zip(flat).all(|(slope, &y)| (slope * slope - f64::from(y)).abs() <= 1e-15 * f64::from(y))
+            slopes.iter().zip(knots).all(|(slope, &y)| (slope * slope - f64::from(y)).abs() <= 1e-15 * f64::from(y))
         );
-        for row in 0..ROWS {
-            let pair = |j: usize| {
-                let k = 2 * (FIRST_PAIR + row * (CELLS + 1) + j);
-                (flat[k], flat[k + 1])
-            };
+        for (row, numbers) in flat[LIST_SIZE..].chunks(ROW_SIZE).enumerate() {
+            let (masses, pairs) = numbers.split_at(LIST_SIZE);
+            assert_eq!(masses[..BLOCK], every_eighth(masses), "{case:?} row {row}");
+            let pair = |j: usize| if j < CELLS { (pairs[2 * j], pairs[2 * j + 1]) } else { (0.0, 0.0) };
+            assert!((0..CELLS).all(|j| pair(j).0 == masses[BLOCK + j]), "{case:?} row {row}: masses differ");
             assert!((0..CELLS).all(|j| pair(j).0 >= pair(j + 1).0), "{case:?} row {row}: masses above do not fall");
             assert!(
                 (0..=CELLS).all(|j| pair(j).0 >= 0.0 && pair(j).1 >= 0.0 && pair(j).1.is_finite()),
                 "{case:?} row {row}"
             );
-            assert_eq!((pair(0).0, pair(CELLS)), (1.0, (0.0, 0.0)), "{case:?} row {row}");
+            assert_eq!(pair(0).0, 1.0, "{case:?} row {row}");
             // exactly on a row, the density at a knot is g
             let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
             let mixture =
                 if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
-            for (j, &knot) in flat.iter().enumerate().take(CELLS - 1) {
+            for (j, &knot) in knots.iter().enumerate().take(CELLS - 1) {
                 let (got, want) = (table.density(mixture, f64::from(knot)), f64::from(pair(j).1));
                 let empty = pair(j).0 == pair(j + 1).0;
                 assert!(
@@ -195,9 +199,9 @@ fn the_table_of_projected_normals_is_the_last_row() {
             Ndf::projected(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let (table, row) = (whole.visible_table(), alone.visible_table());
         assert_eq!((table.rows(), row.rows()), (ROWS, 1));
-        assert_eq!(row.flat().len(), 2 * (FIRST_PAIR + CELLS + 1));
-        assert_eq!(row.flat()[..2 * FIRST_PAIR], table.flat()[..2 * FIRST_PAIR]);
-        assert_eq!(row.flat()[2 * FIRST_PAIR..], table.flat()[2 * (FIRST_PAIR + (ROWS - 1) * (CELLS + 1))..]);
+        assert_eq!(row.flat().len(), LIST_SIZE + ROW_SIZE);
+        assert_eq!(row.flat()[..LIST_SIZE], table.flat()[..LIST_SIZE]);
+        assert_eq!(row.flat()[LIST_SIZE..], table.flat()[LIST_SIZE + (ROWS - 1) * ROW_SIZE..]);
         let alpha = Roughness { u: 0.3, v: 0.1 };
         for k in 0..64 {
             let u = (f64::from(k) / 64.0, 0.37);

@@ -157,6 +157,7 @@ pub const TABLE: &[Row] = &[
     total("visible_table::VisibleTable::projected", "the_table_of_projected_normals_is_the_last_row"),
     total("visible_table::VisibleTable::rows", "the_table_of_projected_normals_is_the_last_row"),
     total("visible_table::VisibleTable::flat", "flat_visible_table_gives_what_the_core_gives"),
+    total("visible_table::VisibleTable::knots", "flat_visible_table_gives_what_the_core_gives"),
     total("visible_table::VisibleTable::scale", "flat_visible_table_gives_what_the_core_gives"),
     total("visible_table::VisibleTable::slopes", "flat_visible_table_gives_what_the_core_gives"),
     total("visible_table::VisibleTable::mixture", "flat_visible_table_gives_what_the_core_gives"),
