@@ -22,16 +22,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::LN_2;
 
-/// Nodes per axis of the isotropic grid.
-pub const GRID: usize = 32;
 /// Nodes of the isotropic average.
 pub const AVERAGE: usize = 512;
 /// Nodes of the anisotropic grid, over v and over the azimuth.
 pub const VIEWS: (usize, usize) = (128, 32);
 /// Numbers at every node of a grid.
 pub const PACKET: usize = 4;
-/// Numbers in an isotropic table: its average follows the grid.
-pub const ISOTROPIC: usize = PACKET * GRID * GRID + AVERAGE;
 /// Numbers in an anisotropic table.
 pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 
@@ -39,21 +35,44 @@ pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
 pub const GREATEST_ALPHA: f64 = 8.0;
-/// Chebyshev's points per axis: more are tried until the error is below the permitted one.
-const POINTS: [usize; 3] = [16, 24, 36];
+/// Efforts for isotropic tables: the next is tried until the error is below the permitted one.
+const EFFORTS: [Effort; 3] = [
+    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE },
+    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE },
+    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE },
+];
 /// The same for anisotropic tables, over v and the azimuth.
-const ANISOTROPIC_POINTS: [(usize, usize); 2] = [(16, 10), (32, 20)];
+const ANISOTROPIC_EFFORTS: [Effort; 2] = [
+    Effort { grid: VIEWS, points: (16, 10), rule: Rule::ANISOTROPIC },
+    Effort { grid: VIEWS, points: (VIEWS.0, 20), rule: Rule::ANISOTROPIC },
+];
 /// What E may be off by, as measured in the middle of cells.
-const PERMITTED: f64 = 2e-4;
+const PERMITTED: f64 = 4e-4;
+/// Errors so much above the permitted one show corners, which no polynomial through all points follows: only the last effort is left to try.
+const HOPELESS: f64 = 4.0;
 /// Cells per axis in which the error is measured.
 const MEASURED: usize = 11;
+/// Nodes from which the average is interpolated to all of its list.
+const AVERAGE_NODES: usize = 103;
 /// Relative step of derivatives with respect to the roughness.
 const STEP: f64 = 1e-3;
+
+/// Nodes of a grid, and how they are computed.
+#[derive(Debug, Clone, Copy)]
+struct Effort {
+    /// Nodes along both axes.
+    grid: (usize, usize),
+    /// Of which so many are computed: all of them, or Chebyshev's points if fewer.
+    points: (usize, usize),
+    rule: Rule,
+}
 
 /// Losses of one shape.
 #[derive(Debug, Clone)]
 pub struct AlbedoTable {
     flat: Vec<f32>,
+    /// Nodes of the grid over the view, and over roughness or azimuth.
+    grid: (usize, usize),
     coordinates: Coordinates,
     /// The pair of an anisotropic table.
     fixed: Option<Fixed>,
@@ -139,7 +158,8 @@ impl Coordinates {
 
     /// c
     fn half(&self, along: f64) -> f64 {
-        self.compressed(along)
+        let x = along * self.slope;
+        x / x.mul_add(x, 1.0)
     }
     fn cotangent_at(&self, v: f64, along: f64) -> f64 {
         let ratio = (1.0 - (1.0 - v).powf(1.0 / self.end)).powf(1.0 / self.power);
@@ -169,54 +189,69 @@ impl AlbedoTable {
     /// Tabulates a distribution for every isotropic roughness.
     pub fn isotropic(ndf: &Ndf, shadowing: Shadowing) -> Self {
         let coordinates = Coordinates::new(ndf, shadowing);
-        let source = SingleScattering::new(ndf, shadowing, Rule::TABLE);
-        let exact = |v: f64, w: f64| {
+        let exact = |source: &SingleScattering<'_>, v: f64, w: f64| {
             let alpha = coordinates.roughness_at(w);
             let flat = View { a: 0.0, along: alpha, across: alpha, shear: 0.0 };
             source.loss(coordinates.view_at(v, flat)).sqrt()
         };
-        let mut best = Self { flat: Vec::new(), coordinates, fixed: None, reached: f64::INFINITY };
-        for points in POINTS {
-            let nodes = chebyshev(points);
-            let values: Vec<f64> =
-                (0..points * points).into_par_iter().map(|k| exact(nodes[k / points], nodes[k % points])).collect();
-            let by_v = along_first(&nodes, &values, GRID);
-            let slope_v = along_first(&nodes, &derivative(&nodes, &values), GRID);
+        // finer than the first efforts, so that the error of their rule counts as well
+        let judge = SingleScattering::new(ndf, shadowing, Rule::FINE);
+        let mut best = Self { flat: Vec::new(), grid: (0, 0), coordinates, fixed: None, reached: f64::INFINITY };
+        for (k, effort) in EFFORTS.iter().enumerate() {
+            if k > 0 && k + 1 < EFFORTS.len() && best.reached > HOPELESS * PERMITTED {
+                continue;
+            }
+            let source = SingleScattering::new(ndf, shadowing, effort.rule);
+            let (views, roughnesses) = effort.grid;
+            let nodes_v = Nodes::new(effort.points.0, views);
+            let nodes_w = Nodes::new(effort.points.1, roughnesses);
+            let values: Vec<f64> = (0..effort.points.0 * effort.points.1)
+                .into_par_iter()
+                .map(|k| exact(&source, nodes_v.at[k / effort.points.1], nodes_w.at[k % effort.points.1]))
+                .collect();
+            let by_v = nodes_v.fill(&values, views);
+            let slope_v = nodes_v.fill(&nodes_v.derivative(&values), views);
             let fill = |values: &[f64]| {
-                let turned = turn(values, GRID);
-                let slopes = derivative(&nodes, &turned);
+                let turned = turn(values, views);
+                let slopes = nodes_w.derivative(&turned);
                 // (w, v) → (v, w)
-                [turned, slopes].map(|turned| turn(&along_first(&nodes, &turned, GRID), GRID))
+                [turned, slopes].map(|turned| turn(&nodes_w.fill(&turned, roughnesses), roughnesses))
             };
             let ([f, f_w], [f_v, f_vw]) = (fill(&by_v), fill(&slope_v));
-            let mut table = Self { flat: Vec::with_capacity(ISOTROPIC), ..best.clone() };
-            let cell = 1.0 / (GRID - 1) as f64;
-            for k in 0..GRID * GRID {
-                table.flat.extend([f[k], f_v[k] * cell, f_w[k] * cell, f_vw[k] * cell * cell].map(|x| x as f32));
+            let mut table = Self { flat: Vec::with_capacity(PACKET * f.len() + AVERAGE), grid: effort.grid, ..best };
+            let (cell_v, cell_w) = (1.0 / (views - 1) as f64, 1.0 / (roughnesses - 1) as f64);
+            for k in 0..f.len() {
+                table.flat.extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
             }
-            table.reached = (0..MEASURED * MEASURED)
-                .into_par_iter()
-                .map(|k| {
-                    let [v, w] = [k / MEASURED, k % MEASURED].map(|j| middle(j, GRID));
-                    (table.root(v, w).powi(2) - exact(v, w).powi(2)).abs()
-                })
-                .reduce(|| 0.0, f64::max);
-            if table.reached < best.reached {
-                best = table;
-            }
+            table.reached = measured(|k, j| {
+                let (v, w) = (middle(k, views), middle(j, roughnesses));
+                (table.root(v, w).powi(2) - exact(&judge, v, w).powi(2)).abs()
+            });
+            best.flat = Vec::new();
+            best = table;
             if best.reached <= PERMITTED {
                 break;
             }
         }
-        let average: Vec<f32> = (0..AVERAGE)
-            .into_par_iter()
-            .map(|k| {
-                let alpha = Coordinates::roughness_at_log(k as f64 / (AVERAGE - 1) as f64);
+        let logs = Nodes::even(AVERAGE_NODES);
+        let averages: Vec<f64> = logs
+            .at
+            .par_iter()
+            .map(|&log| {
+                let alpha = Coordinates::roughness_at_log(log);
                 let w = coordinates.roughness(alpha);
-                best.integral(GRID, 4, alpha, |v| best.root(v, w)).log2() as f32
+                best.integral(best.grid.0, 4, alpha, |v| best.root(v, w)).log2()
             })
             .collect();
-        best.flat.extend(average);
+        let slopes = logs.derivative(&averages);
+        best.flat.extend((0..AVERAGE).map(|k| {
+            let (cell, t) = locate(k as f64 / (AVERAGE - 1) as f64, AVERAGE_NODES);
+            let [[f0, d0], [f1, d1]] = hermite(t);
+            let width = 1.0 / (AVERAGE_NODES - 1) as f64;
+            (f0 * averages[cell]
+                + f1 * averages[cell + 1]
+                + width * (d0 * slopes[cell] + d1 * slopes[cell + 1])) as f32
+        }));
         best
     }
 
@@ -228,39 +263,35 @@ impl AlbedoTable {
             let horizontal = View::new(alpha, Coordinates::direction_at(azimuth, alpha));
             source.loss(coordinates.view_at(v, horizontal)).sqrt()
         };
-        let fill = |(points_v, points_azimuth): (usize, usize), alpha: Roughness| {
-            let (nodes_v, nodes_azimuth) = (chebyshev(points_v), chebyshev(points_azimuth));
+        let fill = |effort: Effort, alpha: Roughness| {
+            let (points_v, points_azimuth) = effort.points;
+            let (nodes_v, nodes_azimuth) = (Nodes::new(points_v, VIEWS.0), Nodes::new(points_azimuth, VIEWS.1));
             let values: Vec<f64> = (0..points_v * points_azimuth)
                 .into_par_iter()
-                .map(|k| exact(nodes_v[k / points_azimuth], nodes_azimuth[k % points_azimuth], alpha))
+                .map(|k| exact(nodes_v.at[k / points_azimuth], nodes_azimuth.at[k % points_azimuth], alpha))
                 .collect();
-            let turned = turn(&along_first(&nodes_v, &values, VIEWS.0), VIEWS.0);
-            turn(&along_first(&nodes_azimuth, &turned, VIEWS.1), VIEWS.1)
+            let turned = turn(&nodes_v.fill(&values, VIEWS.0), VIEWS.0);
+            turn(&nodes_azimuth.fill(&turned, VIEWS.1), VIEWS.1)
         };
         let stepped =
             [alpha, Roughness { u: alpha.u * (1.0 + STEP), ..alpha }, Roughness { v: alpha.v * (1.0 + STEP), ..alpha }];
         let step = STEP.ln_1p();
-        let coarse = stepped.map(|alpha| fill(ANISOTROPIC_POINTS[0], alpha));
+        let coarse = stepped.map(|alpha| fill(ANISOTROPIC_EFFORTS[0], alpha));
         let average = Average { log: 0.0, slopes: [0.0; 2] };
         let fixed = Some(Fixed { alpha, average });
-        let mut best = Self { flat: Vec::new(), coordinates, fixed, reached: f64::INFINITY };
-        for points in ANISOTROPIC_POINTS {
-            let values = if points == ANISOTROPIC_POINTS[0] { coarse[0].clone() } else { fill(points, alpha) };
+        let mut best = Self { flat: Vec::new(), grid: VIEWS, coordinates, fixed, reached: f64::INFINITY };
+        for (k, &effort) in ANISOTROPIC_EFFORTS.iter().enumerate() {
+            let values = if k == 0 { coarse[0].clone() } else { fill(effort, alpha) };
             let mut table = Self { flat: Vec::with_capacity(ANISOTROPIC), ..best.clone() };
             for (k, &value) in values.iter().enumerate() {
                 let slope = |side: usize| (coarse[side][k] - coarse[0][k]) / step;
                 table.flat.extend([value, slope(1), slope(2), 0.0].map(|x| x as f32));
             }
-            table.reached = (0..MEASURED * MEASURED)
-                .into_par_iter()
-                .map(|k| {
-                    let (v, azimuth) = (middle(k / MEASURED, VIEWS.0), middle(k % MEASURED, VIEWS.1));
-                    (table.packet(v, azimuth)[0].powi(2) - exact(v, azimuth, alpha).powi(2)).abs()
-                })
-                .reduce(|| 0.0, f64::max);
-            if table.reached < best.reached {
-                best = table;
-            }
+            table.reached = measured(|k, j| {
+                let (v, azimuth) = (middle(k, VIEWS.0), middle(j, VIEWS.1));
+                (table.packet(v, azimuth)[0].powi(2) - exact(v, azimuth, alpha).powi(2)).abs()
+            });
+            best = table;
             if best.reached <= PERMITTED {
                 break;
             }
@@ -289,6 +320,10 @@ impl AlbedoTable {
     /// v and azimuth in packets (value, derivatives with respect to ln α_u and ln α_v, 0).
     pub fn flat(&self) -> &[f32] {
         &self.flat
+    }
+    /// Nodes of the grid over the view, and over roughness or azimuth.
+    pub fn grid(&self) -> (usize, usize) {
+        self.grid
     }
     /// Where a view and a roughness are in the table.
     pub fn coordinates(&self) -> Coordinates {
@@ -323,7 +358,7 @@ impl AlbedoTable {
             None => {
                 let x = Coordinates::log_roughness(alpha.u) * (AVERAGE - 1) as f64;
                 let cell = (x as usize).min(AVERAGE - 2);
-                let at = |k: usize| f64::from(self.flat[PACKET * GRID * GRID + k]);
+                let at = |k: usize| f64::from(self.flat[self.flat.len() - AVERAGE + k]);
                 at(cell) + (x - cell as f64) * (at(cell + 1) - at(cell))
             }
             Some(Fixed { alpha: own, average: Average { log, slopes } }) => {
@@ -335,12 +370,12 @@ impl AlbedoTable {
 
     /// The bicubic polynomial of an isotropic grid.
     fn root(&self, v: f64, w: f64) -> f64 {
-        let ((i, s), (j, t)) = (locate(v, GRID), locate(w, GRID));
+        let ((i, s), (j, t)) = (locate(v, self.grid.0), locate(w, self.grid.1));
         let (along_v, along_w) = (hermite(s), hermite(t));
         let mut sum = 0.0;
         for (di, [value_v, slope_v]) in along_v.into_iter().enumerate() {
             for (dj, [value_w, slope_w]) in along_w.into_iter().enumerate() {
-                let at = PACKET * ((i + di) * GRID + j + dj);
+                let at = PACKET * ((i + di) * self.grid.1 + j + dj);
                 let packet = &self.flat[at..at + PACKET];
                 sum += value_v * (value_w * f64::from(packet[0]) + slope_w * f64::from(packet[2]))
                     + slope_v * (value_w * f64::from(packet[1]) + slope_w * f64::from(packet[3]));
@@ -391,6 +426,11 @@ fn middle(j: usize, count: usize) -> f64 {
     ((j * (count - 2) / (MEASURED - 1)) as f64 + 0.5) / (count - 1) as f64
 }
 
+/// The greatest error over the measured cells.
+fn measured(error: impl Fn(usize, usize) -> f64 + Sync) -> f64 {
+    (0..MEASURED * MEASURED).into_par_iter().map(|k| error(k / MEASURED, k % MEASURED)).reduce(|| 0.0, f64::max)
+}
+
 /// The cell of a coordinate in [0, 1], and the place in it.
 fn locate(x: f64, count: usize) -> (usize, f64) {
     let x = x.clamp(0.0, 1.0) * (count - 1) as f64;
@@ -404,9 +444,54 @@ fn hermite(t: f64) -> [[f64; 2]; 2] {
     [[rest * rest * (1.0 + 2.0 * t), t * rest * rest], [t * t * (1.0 + 2.0 * rest), -t * t * rest]]
 }
 
-/// Chebyshev's points of the second kind on [0, 1], ascending.
-fn chebyshev(count: usize) -> Vec<f64> {
-    (0..count).map(|k| 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / (count - 1) as f64).cos()).collect()
+/// Points of [0, 1], ascending, ends included, at which a function is known along the first axis of an array.
+struct Nodes {
+    at: Vec<f64>,
+    /// Even ones are joined piece by piece, Chebyshev's points of the second kind by one polynomial through all.
+    even: bool,
+}
+
+impl Nodes {
+    /// All nodes of a grid, or Chebyshev's points if fewer.
+    fn new(count: usize, grid: usize) -> Self {
+        if count == grid { Self::even(grid) } else { Self::chebyshev(count) }
+    }
+    fn even(count: usize) -> Self {
+        Self { at: (0..count).map(|k| k as f64 / (count - 1) as f64).collect(), even: true }
+    }
+    fn chebyshev(count: usize) -> Self {
+        let at = (0..count).map(|k| 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / (count - 1) as f64).cos()).collect();
+        Self { at, even: false }
+    }
+    /// Values at `count` even points.
+    fn fill(&self, values: &[f64], count: usize) -> Vec<f64> {
+        if self.even && self.at.len() == count { values.to_vec() } else { along_first(&self.at, values, count) }
+    }
+    /// Derivatives at the nodes.
+    fn derivative(&self, values: &[f64]) -> Vec<f64> {
+        if self.even { differences(self.at.len(), values) } else { derivative(&self.at, values) }
+    }
+}
+
+/// Derivatives along the first axis at `count` even points of [0, 1], from the polynomial through five neighbors: their closed form is
+/// `Σ_{j≠k} (w_j/w_k)(f_j − f_k)/(k − j)` with the barycentric weights `(−1)^j C(4, j)`.
+fn differences(count: usize, values: &[f64]) -> Vec<f64> {
+    const WEIGHTS: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+    let inner = values.len() / count;
+    let mut out = vec![0.0; values.len()];
+    for (k, out) in out.chunks_exact_mut(inner).enumerate() {
+        let first = k.saturating_sub(2).min(count - 5);
+        let own = &values[k * inner..][..inner];
+        for (j, weight) in WEIGHTS.iter().enumerate().filter(|&(j, _)| first + j != k) {
+            let step = (k as f64 - (first + j) as f64) / (count - 1) as f64;
+            let share = weight / WEIGHTS[k - first] / step;
+            let other = &values[(first + j) * inner..][..inner];
+            for (out, (other, own)) in out.iter_mut().zip(other.iter().zip(own)) {
+                *out += share * (other - own);
+            }
+        }
+    }
+    out
 }
 
 /// Barycentric weights of Chebyshev's points.
