@@ -35,23 +35,24 @@ pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
 pub const GREATEST_ALPHA: f64 = 8.0;
-/// Efforts for isotropic tables: the next is tried until the error is below the permitted one.
-const EFFORTS: [Effort; 3] = [
-    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE },
-    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE },
-    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE },
+/// Efforts for isotropic tables: the next promising one is tried until the error is below the permitted one.
+const EFFORTS: [Effort; 5] = [
+    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE, below: f64::INFINITY },
+    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE, below: 1e-2 },
+    Effort { grid: (32, 32), points: (32, 32), rule: Rule::TABLE, below: 8e-4 },
+    Effort { grid: (64, 48), points: (64, 48), rule: Rule::TABLE, below: 3e-2 },
+    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE, below: f64::INFINITY },
 ];
 /// The same for anisotropic tables, over v and the azimuth.
-const ANISOTROPIC_EFFORTS: [Effort; 2] = [
-    Effort { grid: VIEWS, points: (16, 10), rule: Rule::ANISOTROPIC },
-    Effort { grid: VIEWS, points: (VIEWS.0, 20), rule: Rule::ANISOTROPIC },
+const ANISOTROPIC_EFFORTS: [Effort; 3] = [
+    Effort { grid: VIEWS, points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY },
+    Effort { grid: VIEWS, points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2 },
+    Effort { grid: VIEWS, points: VIEWS, rule: Rule::ANISOTROPIC, below: f64::INFINITY },
 ];
-/// What E may be off by, as measured in the middle of cells.
+/// What E may be off by, as measured.
 const PERMITTED: f64 = 4e-4;
-/// Errors so much above the permitted one show corners, which no polynomial through all points follows: only the last effort is left to try.
-const HOPELESS: f64 = 4.0;
-/// Cells per axis in which the error is measured.
-const MEASURED: usize = 11;
+/// Places of a table at which the error is measured.
+const MEASURED: usize = 121;
 /// Nodes from which the average is interpolated to all of its list.
 const AVERAGE_NODES: usize = 103;
 /// Relative step of derivatives with respect to the roughness.
@@ -65,6 +66,8 @@ struct Effort {
     /// Of which so many are computed: all of them, or Chebyshev's points if fewer.
     points: (usize, usize),
     rule: Rule,
+    /// Errors of the effort before above which this one is left out: corners are hopeless for few nodes.
+    below: f64,
 }
 
 /// Losses of one shape.
@@ -196,9 +199,10 @@ impl AlbedoTable {
         };
         // finer than the first efforts, so that the error of their rule counts as well
         let judge = SingleScattering::new(ndf, shadowing, Rule::FINE);
+        let measured = Measured::new(|v, w| exact(&judge, v, w));
         let mut best = Self { flat: Vec::new(), grid: (0, 0), coordinates, fixed: None, reached: f64::INFINITY };
-        for (k, effort) in EFFORTS.iter().enumerate() {
-            if k > 0 && k + 1 < EFFORTS.len() && best.reached > HOPELESS * PERMITTED {
+        for effort in EFFORTS {
+            if best.reached > effort.below {
                 continue;
             }
             let source = SingleScattering::new(ndf, shadowing, effort.rule);
@@ -223,12 +227,10 @@ impl AlbedoTable {
             for k in 0..f.len() {
                 table.flat.extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
             }
-            table.reached = measured(|k, j| {
-                let (v, w) = (middle(k, views), middle(j, roughnesses));
-                (table.root(v, w).powi(2) - exact(&judge, v, w).powi(2)).abs()
-            });
-            best.flat = Vec::new();
-            best = table;
+            table.reached = measured.error(|v, w| table.root(v, w));
+            if table.reached < best.reached {
+                best = table;
+            }
             if best.reached <= PERMITTED {
                 break;
             }
@@ -280,18 +282,21 @@ impl AlbedoTable {
         let average = Average { log: 0.0, slopes: [0.0; 2] };
         let fixed = Some(Fixed { alpha, average });
         let mut best = Self { flat: Vec::new(), grid: VIEWS, coordinates, fixed, reached: f64::INFINITY };
+        let measured = Measured::new(|v, azimuth| exact(v, azimuth, alpha));
         for (k, &effort) in ANISOTROPIC_EFFORTS.iter().enumerate() {
+            if best.reached > effort.below {
+                continue;
+            }
             let values = if k == 0 { coarse[0].clone() } else { fill(effort, alpha) };
             let mut table = Self { flat: Vec::with_capacity(ANISOTROPIC), ..best.clone() };
             for (k, &value) in values.iter().enumerate() {
                 let slope = |side: usize| (coarse[side][k] - coarse[0][k]) / step;
                 table.flat.extend([value, slope(1), slope(2), 0.0].map(|x| x as f32));
             }
-            table.reached = measured(|k, j| {
-                let (v, azimuth) = (middle(k, VIEWS.0), middle(j, VIEWS.1));
-                (table.packet(v, azimuth)[0].powi(2) - exact(v, azimuth, alpha).powi(2)).abs()
-            });
-            best = table;
+            table.reached = measured.error(|v, azimuth| table.packet(v, azimuth)[0]);
+            if table.reached < best.reached {
+                best = table;
+            }
             if best.reached <= PERMITTED {
                 break;
             }
@@ -333,7 +338,7 @@ impl AlbedoTable {
     pub fn average(&self) -> Option<Average> {
         self.fixed.map(|fixed| fixed.average)
     }
-    /// The greatest error of E that was measured in the middle of cells.
+    /// The greatest error of E that was measured, at places spread evenly over the table.
     pub fn reached(&self) -> f64 {
         self.reached
     }
@@ -421,14 +426,19 @@ impl AlbedoTable {
     }
 }
 
-/// The middle of the cell that is `j`/[`MEASURED`] of the way along an axis.
-fn middle(j: usize, count: usize) -> f64 {
-    ((j * (count - 2) / (MEASURED - 1)) as f64 + 0.5) / (count - 1) as f64
-}
+/// √(1 − E) at places spread evenly over a table (the first two coordinates of Roberts' sequence), by quadrature.
+struct Measured(Vec<(f64, f64, f64)>);
 
-/// The greatest error over the measured cells.
-fn measured(error: impl Fn(usize, usize) -> f64 + Sync) -> f64 {
-    (0..MEASURED * MEASURED).into_par_iter().map(|k| error(k / MEASURED, k % MEASURED)).reduce(|| 0.0, f64::max)
+impl Measured {
+    fn new(exact: impl Fn(f64, f64) -> f64 + Sync) -> Self {
+        let place = |k: usize, step: f64| (0.5 + step * k as f64).fract();
+        let at = |k: usize| (place(k, 0.7548776662466927), place(k, 0.5698402909980532));
+        Self((0..MEASURED).into_par_iter().map(at).map(|(x, y)| (x, y, exact(x, y))).collect())
+    }
+    /// The greatest error of E.
+    fn error(&self, root: impl Fn(f64, f64) -> f64) -> f64 {
+        self.0.iter().map(|&(x, y, exact)| (root(x, y).powi(2) - exact.powi(2)).abs()).fold(0.0, f64::max)
+    }
 }
 
 /// The cell of a coordinate in [0, 1], and the place in it.
