@@ -323,6 +323,12 @@ private:
             double u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
             m_losses = MultipleScattering::load(ndf->losses(m_height_correlated, u, v), u, v);
         }
+        if (m_losses.source->reached > 1e-3)
+            Log(Warn,
+                "sgtdconductor: with multiple_scattering, the share of light that single "
+                "scattering keeps is off by up to %g for this shape, and a white furnace by as "
+                "much. A lower shift or p%s makes it smaller.",
+                m_losses.source->reached, m_losses.fixed ? ", or one alpha instead of two," : "");
     }
 
     void update_flags() {

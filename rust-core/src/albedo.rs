@@ -57,6 +57,8 @@ impl Rule {
     pub const FINE: Self = Self { azimuthal: 24, radial: 10 };
     /// E within 3e-4 where the two roughnesses differ: their ratio narrows what depends on the azimuth.
     pub const ANISOTROPIC: Self = Self { azimuthal: 20, radial: 6 };
+    /// For such shapes with corners.
+    pub const PAIR: Self = Self { azimuthal: 40, radial: 8 };
 }
 
 /// Panels wider than this ratio are divided: masking of ω_o changes over a factor of about that in slope.

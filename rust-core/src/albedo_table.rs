@@ -1,15 +1,16 @@
 //! The energy lost by single scattering, tabulated for one shape.
 //!
 //! What is stored is `√(1 − E)`: its square cannot leave 0 … 1 by interpolation and keeps its digits where almost nothing is
-//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
-//! masking alone and at high roughness one of the angle; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
+//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + (α_∥ x)²)`: at low roughness losses end where the view
+//! is as steep as the facets, at high roughness where it is as flat as the rest of the angle between them and the normal; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
 //! these coordinates the loss has a limit at every edge, and power laws of heavy tails are as smooth as others.
 //!
 //! * **Isotropic** tables hold any roughness: bicubic Hermite polynomials over (v, w), so textures and derivatives need nothing else.
 //! * **Anisotropic** tables hold one pair of roughnesses: over v and the azimuth, as value and derivatives with respect to
 //!   both logarithms of the roughness, read bilinearly. (Four variables at once take 10⁵ nodes to reach 1e-3.)
 //!
-//! Few nodes are computed, at Chebyshev's points; the grids are filled from the polynomials through them.
+//! Smooth shapes have few nodes computed, at Chebyshev's points, and the grids filled from the polynomials through them. The error is then measured;
+//! losses with corners (boxes, rings) are computed at every node of a larger grid.
 //!
 //! The average `1 − E_avg = ∫ (1 − E) cos θ dω/π` is that of the *tabulated* E. So what a lobe made from the table returns is all that the
 //! table says is lost: a furnace is off by the error of E at the view, and by no more.
@@ -24,12 +25,8 @@ use std::f64::consts::LN_2;
 
 /// Nodes of the isotropic average.
 pub const AVERAGE: usize = 512;
-/// Nodes of the anisotropic grid, over v and over the azimuth.
-pub const VIEWS: (usize, usize) = (128, 32);
 /// Numbers at every node of a grid.
 pub const PACKET: usize = 4;
-/// Numbers in an anisotropic table.
-pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 
 /// The least roughness of a material.
 pub const LEAST_ALPHA: f64 = 1e-4;
@@ -44,13 +41,16 @@ const EFFORTS: [Effort; 5] = [
     Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE, below: f64::INFINITY },
 ];
 /// The same for anisotropic tables, over v and the azimuth.
-const ANISOTROPIC_EFFORTS: [Effort; 3] = [
-    Effort { grid: VIEWS, points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY },
-    Effort { grid: VIEWS, points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2 },
-    Effort { grid: VIEWS, points: VIEWS, rule: Rule::ANISOTROPIC, below: f64::INFINITY },
+const ANISOTROPIC_EFFORTS: [Effort; 4] = [
+    Effort { grid: (128, 32), points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY },
+    Effort { grid: (192, 48), points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2 },
+    Effort { grid: (192, 48), points: (192, 20), rule: Rule::ANISOTROPIC, below: 2e-2 },
+    Effort { grid: (192, 48), points: (192, 48), rule: Rule::PAIR, below: f64::INFINITY },
 ];
 /// What E may be off by, as measured.
 const PERMITTED: f64 = 4e-4;
+/// The same for anisotropic tables, whose last effort takes a second.
+const PERMITTED_PAIR: f64 = 6e-4;
 /// Places of a table at which the error is measured.
 const MEASURED: usize = 121;
 /// Nodes from which the average is interpolated to all of its list.
@@ -68,6 +68,13 @@ struct Effort {
     rule: Rule,
     /// Errors of the effort before above which this one is left out: corners are hopeless for few nodes.
     below: f64,
+}
+
+impl Effort {
+    /// What is computed along both axes.
+    fn nodes(&self) -> (Nodes, Nodes) {
+        (Nodes::new(self.points.0, self.grid.0), Nodes::new(self.points.1, self.grid.1))
+    }
 }
 
 /// Losses of one shape.
@@ -207,8 +214,7 @@ impl AlbedoTable {
             }
             let source = SingleScattering::new(ndf, shadowing, effort.rule);
             let (views, roughnesses) = effort.grid;
-            let nodes_v = Nodes::new(effort.points.0, views);
-            let nodes_w = Nodes::new(effort.points.1, roughnesses);
+            let (nodes_v, nodes_w) = effort.nodes();
             let values: Vec<f64> = (0..effort.points.0 * effort.points.1)
                 .into_par_iter()
                 .map(|k| exact(&source, nodes_v.at[k / effort.points.1], nodes_w.at[k % effort.points.1]))
@@ -225,7 +231,9 @@ impl AlbedoTable {
             let mut table = Self { flat: Vec::with_capacity(PACKET * f.len() + AVERAGE), grid: effort.grid, ..best };
             let (cell_v, cell_w) = (1.0 / (views - 1) as f64, 1.0 / (roughnesses - 1) as f64);
             for k in 0..f.len() {
-                table.flat.extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
+                table
+                    .flat
+                    .extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
             }
             table.reached = measured.error(|v, w| table.root(v, w));
             if table.reached < best.reached {
@@ -250,9 +258,7 @@ impl AlbedoTable {
             let (cell, t) = locate(k as f64 / (AVERAGE - 1) as f64, AVERAGE_NODES);
             let [[f0, d0], [f1, d1]] = hermite(t);
             let width = 1.0 / (AVERAGE_NODES - 1) as f64;
-            (f0 * averages[cell]
-                + f1 * averages[cell + 1]
-                + width * (d0 * slopes[cell] + d1 * slopes[cell + 1])) as f32
+            (f0 * averages[cell] + f1 * averages[cell + 1] + width * (d0 * slopes[cell] + d1 * slopes[cell + 1])) as f32
         }));
         best
     }
@@ -260,44 +266,55 @@ impl AlbedoTable {
     /// Tabulates a distribution for one pair of roughnesses.
     pub fn anisotropic(ndf: &Ndf, shadowing: Shadowing, alpha: Roughness) -> Self {
         let coordinates = Coordinates::new(ndf, shadowing);
-        let source = SingleScattering::new(ndf, shadowing, Rule::ANISOTROPIC);
-        let exact = |v: f64, azimuth: f64, alpha: Roughness| {
+        let exact = |source: &SingleScattering<'_>, v: f64, azimuth: f64, alpha: Roughness| {
             let horizontal = View::new(alpha, Coordinates::direction_at(azimuth, alpha));
             source.loss(coordinates.view_at(v, horizontal)).sqrt()
         };
-        let fill = |effort: Effort, alpha: Roughness| {
-            let (points_v, points_azimuth) = effort.points;
-            let (nodes_v, nodes_azimuth) = (Nodes::new(points_v, VIEWS.0), Nodes::new(points_azimuth, VIEWS.1));
-            let values: Vec<f64> = (0..points_v * points_azimuth)
+        let compute = |effort: Effort, alpha: Roughness| -> Vec<f64> {
+            let source = SingleScattering::new(ndf, shadowing, effort.rule);
+            let (views, azimuths) = effort.nodes();
+            let (count, inner) = effort.points;
+            (0..count * inner)
                 .into_par_iter()
-                .map(|k| exact(nodes_v.at[k / points_azimuth], nodes_azimuth.at[k % points_azimuth], alpha))
-                .collect();
-            let turned = turn(&nodes_v.fill(&values, VIEWS.0), VIEWS.0);
-            turn(&nodes_azimuth.fill(&turned, VIEWS.1), VIEWS.1)
+                .map(|k| exact(&source, views.at[k / inner], azimuths.at[k % inner], alpha))
+                .collect()
+        };
+        let spread = |effort: Effort, values: &[f64], (views, azimuths): (usize, usize)| {
+            let (nodes_v, nodes_azimuth) = effort.nodes();
+            let turned = turn(&nodes_v.fill(values, views), views);
+            turn(&nodes_azimuth.fill(&turned, azimuths), azimuths)
         };
         let stepped =
             [alpha, Roughness { u: alpha.u * (1.0 + STEP), ..alpha }, Roughness { v: alpha.v * (1.0 + STEP), ..alpha }];
         let step = STEP.ln_1p();
-        let coarse = stepped.map(|alpha| fill(ANISOTROPIC_EFFORTS[0], alpha));
+        let first = ANISOTROPIC_EFFORTS[0];
+        let coarse = stepped.map(|alpha| compute(first, alpha));
+        // derivatives need no corners: the nodes of the first effort do
+        let slopes = [1, 2].map(|side| {
+            let pairs = coarse[side].iter().zip(&coarse[0]);
+            pairs.map(|(there, here)| (there - here) / step).collect::<Vec<f64>>()
+        });
+        let judge = SingleScattering::new(ndf, shadowing, Rule::PAIR);
+        let measured = Measured::new(|v, azimuth| exact(&judge, v, azimuth, alpha));
         let average = Average { log: 0.0, slopes: [0.0; 2] };
         let fixed = Some(Fixed { alpha, average });
-        let mut best = Self { flat: Vec::new(), grid: VIEWS, coordinates, fixed, reached: f64::INFINITY };
-        let measured = Measured::new(|v, azimuth| exact(v, azimuth, alpha));
+        let mut best = Self { flat: Vec::new(), grid: (0, 0), coordinates, fixed, reached: f64::INFINITY };
         for (k, &effort) in ANISOTROPIC_EFFORTS.iter().enumerate() {
             if best.reached > effort.below {
                 continue;
             }
-            let values = if k == 0 { coarse[0].clone() } else { fill(effort, alpha) };
-            let mut table = Self { flat: Vec::with_capacity(ANISOTROPIC), ..best.clone() };
-            for (k, &value) in values.iter().enumerate() {
-                let slope = |side: usize| (coarse[side][k] - coarse[0][k]) / step;
-                table.flat.extend([value, slope(1), slope(2), 0.0].map(|x| x as f32));
+            let values = if k == 0 { coarse[0].clone() } else { compute(effort, alpha) };
+            let values = spread(effort, &values, effort.grid);
+            let [by_u, by_v] = [0, 1].map(|side| spread(first, &slopes[side], effort.grid));
+            let mut table = Self { flat: Vec::with_capacity(PACKET * values.len()), grid: effort.grid, ..best };
+            for (value, (by_u, by_v)) in values.iter().zip(by_u.iter().zip(&by_v)) {
+                table.flat.extend([*value, *by_u, *by_v, 0.0].map(|x| x as f32));
             }
             table.reached = measured.error(|v, azimuth| table.packet(v, azimuth)[0]);
             if table.reached < best.reached {
                 best = table;
             }
-            if best.reached <= PERMITTED {
+            if best.reached <= PERMITTED_PAIR {
                 break;
             }
         }
@@ -308,7 +325,7 @@ impl AlbedoTable {
                 let (sin, cos) = (std::f64::consts::FRAC_PI_2 * t).sin_cos();
                 let w = DVec3::new(cos, sin, 0.0);
                 let azimuth = Coordinates::azimuth(alpha, w);
-                best.integral(VIEWS.0, 1, View::new(alpha, w).along, |v| {
+                best.integral(best.grid.0, 1, View::new(alpha, w).along, |v| {
                     let packet = best.packet(v, azimuth);
                     packet[0] + by * packet[k]
                 })
@@ -391,8 +408,8 @@ impl AlbedoTable {
 
     /// Bilinear interpolation of an anisotropic grid.
     fn packet(&self, v: f64, azimuth: f64) -> [f64; PACKET] {
-        let ((i, s), (j, t)) = (locate(v, VIEWS.0), locate(azimuth, VIEWS.1));
-        let at = |i: usize, j: usize, k: usize| f64::from(self.flat[PACKET * (i * VIEWS.1 + j) + k]);
+        let ((i, s), (j, t)) = (locate(v, self.grid.0), locate(azimuth, self.grid.1));
+        let at = |i: usize, j: usize, k: usize| f64::from(self.flat[PACKET * (i * self.grid.1 + j) + k]);
         std::array::from_fn(|k| {
             let row = |i: usize| at(i, j, k) + t * (at(i, j + 1, k) - at(i, j, k));
             row(i) + s * (row(i + 1) - row(i))
