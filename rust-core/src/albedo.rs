@@ -57,7 +57,7 @@ impl Rule {
     pub const FINE: Self = Self { azimuthal: 24, radial: 10 };
     /// E within 3e-4 where the two roughnesses differ: their ratio narrows what depends on the azimuth.
     pub const ANISOTROPIC: Self = Self { azimuthal: 20, radial: 6 };
-    /// For such shapes with corners.
+    /// For such shapes with corners: E within 3e-4.
     pub const PAIR: Self = Self { azimuthal: 40, radial: 8 };
 }
 

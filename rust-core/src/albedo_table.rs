@@ -32,25 +32,22 @@ pub const PACKET: usize = 4;
 pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
 pub const GREATEST_ALPHA: f64 = 8.0;
-/// Efforts for isotropic tables: the next promising one is tried until the error is below the permitted one.
-const EFFORTS: [Effort; 5] = [
-    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE, below: f64::INFINITY },
-    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE, below: 1e-2 },
-    Effort { grid: (32, 32), points: (32, 32), rule: Rule::TABLE, below: 8e-4 },
-    Effort { grid: (64, 48), points: (64, 48), rule: Rule::TABLE, below: 3e-2 },
-    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE, below: f64::INFINITY },
+/// Efforts for isotropic tables: the next promising one is tried until the error is small enough.
+const EFFORTS: [Effort; 6] = [
+    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE, below: f64::INFINITY, enough: 4e-4 },
+    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE, below: 1e-2, enough: 4e-4 },
+    Effort { grid: (32, 32), points: (32, 32), rule: Rule::TABLE, below: 8e-4, enough: 4e-4 },
+    Effort { grid: (64, 48), points: (64, 48), rule: Rule::TABLE, below: 3e-2, enough: 4e-4 },
+    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE, below: f64::INFINITY, enough: 6e-4 },
+    Effort { grid: (96, 160), points: (96, 160), rule: Rule::FINE, below: f64::INFINITY, enough: 6e-4 },
 ];
 /// The same for anisotropic tables, over v and the azimuth.
 const ANISOTROPIC_EFFORTS: [Effort; 4] = [
-    Effort { grid: (128, 32), points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY },
-    Effort { grid: (192, 48), points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2 },
-    Effort { grid: (192, 48), points: (192, 20), rule: Rule::ANISOTROPIC, below: 2e-2 },
-    Effort { grid: (192, 48), points: (192, 48), rule: Rule::PAIR, below: f64::INFINITY },
+    Effort { grid: (128, 32), points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (192, 20), rule: Rule::ANISOTROPIC, below: 2e-2, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (192, 48), rule: Rule::PAIR, below: f64::INFINITY, enough: 6e-4 },
 ];
-/// What E may be off by, as measured.
-const PERMITTED: f64 = 4e-4;
-/// The same for anisotropic tables, whose last effort takes a second.
-const PERMITTED_PAIR: f64 = 6e-4;
 /// Places of a table at which the error is measured.
 const MEASURED: usize = 121;
 /// Nodes from which the average is interpolated to all of its list.
@@ -68,6 +65,8 @@ struct Effort {
     rule: Rule,
     /// Errors of the effort before above which this one is left out: corners are hopeless for few nodes.
     below: f64,
+    /// The error at which no further effort is made.
+    enough: f64,
 }
 
 impl Effort {
@@ -239,7 +238,7 @@ impl AlbedoTable {
             if table.reached < best.reached {
                 best = table;
             }
-            if best.reached <= PERMITTED {
+            if best.reached <= effort.enough {
                 break;
             }
         }
@@ -314,7 +313,7 @@ impl AlbedoTable {
             if table.reached < best.reached {
                 best = table;
             }
-            if best.reached <= PERMITTED_PAIR {
+            if best.reached <= effort.enough {
                 break;
             }
         }
