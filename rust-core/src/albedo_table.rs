@@ -50,6 +50,8 @@ const ANISOTROPIC_EFFORTS: [Effort; 4] = [
 ];
 /// Places of a table at which the error is measured.
 const MEASURED: usize = 121;
+/// Further ones along the normal.
+const MEASURED_NORMAL: usize = 60;
 /// Nodes from which the average is interpolated to all of its list.
 const AVERAGE_NODES: usize = 103;
 /// Relative step of derivatives with respect to the roughness.
@@ -449,7 +451,11 @@ impl Measured {
     fn new(exact: impl Fn(f64, f64) -> f64 + Sync) -> Self {
         let place = |k: usize, step: f64| (0.5 + step * k as f64).fract();
         let at = |k: usize| (place(k, 0.7548776662466927), place(k, 0.5698402909980532));
-        Self((0..MEASURED).into_par_iter().map(at).map(|(x, y)| (x, y, exact(x, y))).collect())
+        // and along the normal, where a box has a corner at the roughness at which its rim reflects to the horizon
+        let normal = |k: usize| (1.0, (k as f64 + 0.5) / MEASURED_NORMAL as f64);
+        let all = (0..MEASURED + MEASURED_NORMAL).into_par_iter();
+        let places = all.map(|k| if k < MEASURED { at(k) } else { normal(k - MEASURED) });
+        Self(places.map(|(x, y)| (x, y, exact(x, y))).collect())
     }
     /// The greatest error of E.
     fn error(&self, root: impl Fn(f64, f64) -> f64) -> f64 {
