@@ -69,6 +69,45 @@ def test_white_furnace(llvm, row, masking):
             assert whole == pytest.approx(1.0, abs=1e-3), (roughness, angle)
 
 
+@pytest.mark.parametrize("masking", MASKINGS)
+@pytest.mark.parametrize(
+    "shape", [dict(shift=5.0), dict(gamma=np.inf, p=50.0), dict(gamma=1.52), dict(gamma=np.inf, shift=10.0)], ids=str
+)
+def test_white_furnace_of_hard_shapes(llvm, shape, masking):
+    """Rings, boxes and the heaviest tails: grids of all sizes are read as they are made; noise is 2e-4."""
+    for alpha in ALPHAS:
+        bsdf = material(**shape, alpha=alpha, masking=masking)
+        for angle in ANGLES:
+            assert albedo(bsdf, sc.direction(angle, AZIMUTH), 1 << 20) == pytest.approx(1.0, abs=1.2e-3), (alpha, angle)
+
+
+def test_equal_materials_share_the_table(llvm):
+    """The second is made in no time; another masking is another table."""
+    import time
+
+    def seconds(**properties):
+        start = time.perf_counter()
+        return material(**dict(gamma=1.83, shift=5.5, alpha=0.3) | properties), time.perf_counter() - start
+
+    first, build = seconds()
+    second, again = seconds(alpha=0.4)
+    other, anew = seconds(masking="height_correlated")
+    assert again < 0.2 * build and anew > 2.0 * again
+
+
+def test_a_rough_table_warns(llvm, capfd):
+    """A thin ring with two very different roughnesses is more than the grid holds."""
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Warn)
+    try:
+        material(gamma=1.9, alpha_u=0.3, alpha_v=0.1)
+        assert "multiple_scattering" not in "".join(capfd.readouterr())
+        material(gamma=np.inf, **{"lambda": -0.9}, shift=10.0, alpha_u=0.05, alpha_v=2.0)
+        assert "A lower shift" in "".join(capfd.readouterr())
+    finally:
+        mi.set_log_level(level)
+
+
 @pytest.mark.parametrize("row", ["sgtd", "student", "ggx_centered", "beckmann_centered"])
 def test_white_furnace_rendered(variant, row):
     """A plate under a sky of radiance 1, seen at 50 degrees, by the path tracer, which samples the sky as well; noise is 4e-4."""

@@ -37,6 +37,49 @@ Shape from_core(const sgtd::Shape &shape) {
 
 template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.data, slice.size }; }
 
+/// Equal keys share one value for as long as somebody holds it.
+///
+/// There is one slot per distinct key. A slot has its own lock, so that scene loading threads that
+/// want different values do not wait for each other, and those that want the same one build it
+/// once.
+template <typename Key, typename Value> class Shared {
+public:
+    template <typename Build> std::shared_ptr<const Value> get(const Key &key, const Build &build) {
+        if (key != key)
+            return build(); // not a number: cannot be a key, and the core says which one it is
+        std::shared_ptr<Slot> slot = slot_of(key);
+        std::lock_guard<std::mutex> guard(slot->mutex);
+        std::shared_ptr<const Value> result = slot->value.lock();
+        if (!result) {
+            result      = build();
+            slot->value = result;
+        }
+        return result;
+    }
+
+private:
+    struct Slot {
+        std::mutex mutex;
+        std::weak_ptr<const Value> value;
+    };
+
+    std::shared_ptr<Slot> slot_of(const Key &key) {
+        std::lock_guard<std::mutex> guard(m_mutex);
+        // Slots without users are dropped: the optimization of a shape visits thousands of them
+        for (auto it = m_slots.begin(); it != m_slots.end();) {
+            bool unused = it->second.use_count() == 1 && it->second->value.expired();
+            it          = unused ? m_slots.erase(it) : std::next(it);
+        }
+        std::shared_ptr<Slot> &entry = m_slots[key];
+        if (!entry)
+            entry = std::make_shared<Slot>();
+        return entry;
+    }
+
+    std::mutex m_mutex;
+    std::map<Key, std::shared_ptr<Slot>> m_slots;
+};
+
 } // namespace
 
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
@@ -58,54 +101,21 @@ Node lowest_node(const Shape &shape) {
 
 struct Ndf::Impl {
     rust::Box<sgtd::Ndf> core;
+    Shape shape;
+    double accuracy;
 };
 
 Ndf::Ndf(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {}
 Ndf::~Ndf() = default;
 
 std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool visible) {
-    // One slot per distinct request. A slot has its own lock, so that scene loading threads that
-    // want different shapes do not wait for each other, and those that want the same shape build it
-    // once.
-    struct Slot {
-        std::mutex mutex;
-        std::weak_ptr<const Ndf> ndf;
-    };
-    using Key = std::tuple<double, double, double, double, double, bool>;
-    static std::mutex mutex;
-    static std::map<Key, std::shared_ptr<Slot>> slots;
-
-    auto build = [&] {
+    static Shared<std::tuple<double, double, double, double, double, bool>, Ndf> shared;
+    return shared.get({ shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible }, [&] {
         rust::Box<sgtd::Ndf> core =
             checked([&] { return sgtd::new_ndf(to_core(shape), accuracy, visible); });
         return std::shared_ptr<const Ndf>(
-            new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core) })));
-    };
-
-    std::shared_ptr<Slot> slot;
-    {
-        Key key{ shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible };
-        if (key != key)
-            return build(); // not a number: cannot be a key, and the core says which one it is
-        std::lock_guard<std::mutex> guard(mutex);
-        // Slots without users are dropped: the optimization of a shape visits thousands of them
-        for (auto it = slots.begin(); it != slots.end();) {
-            bool unused = it->second.use_count() == 1 && it->second->ndf.expired();
-            it          = unused ? slots.erase(it) : std::next(it);
-        }
-        std::shared_ptr<Slot> &entry = slots[key];
-        if (!entry)
-            entry = std::make_shared<Slot>();
-        slot = entry;
-    }
-
-    std::lock_guard<std::mutex> guard(slot->mutex);
-    std::shared_ptr<const Ndf> result = slot->ndf.lock();
-    if (!result) {
-        result    = build();
-        slot->ndf = result;
-    }
-    return result;
+            new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core), shape, accuracy })));
+    });
 }
 
 Tables Ndf::tables() const {
@@ -125,7 +135,7 @@ Tables Ndf::tables() const {
     return result;
 }
 
-static Losses to_host(const sgtd::AlbedoTable &core) {
+static std::shared_ptr<const Losses> to_host(const sgtd::AlbedoTable &core) {
     sgtd::AlbedoHeader header     = core.albedo_header();
     rust::Slice<const float> flat = core.flat();
     Losses result;
@@ -140,18 +150,33 @@ static Losses to_host(const sgtd::AlbedoTable &core) {
     result.average_u      = header.average_u;
     result.average_v      = header.average_v;
     result.reached        = header.reached;
+    result.views          = header.views;
+    result.columns        = header.columns;
     result.table.assign(flat.begin(), flat.end());
-    return result;
+    return std::make_shared<const Losses>(std::move(result));
 }
 
-Losses Ndf::losses(bool correlated) const {
-    return to_host(*sgtd::new_isotropic_albedo(*m_impl->core, correlated));
+/// The pair is (0, 0) for tables of every isotropic roughness.
+using LossesKey = std::tuple<double, double, double, double, double, bool, double, double>;
+static Shared<LossesKey, Losses> shared_losses;
+
+std::shared_ptr<const Losses> Ndf::losses(bool correlated) const {
+    const Shape &shape = m_impl->shape;
+    return shared_losses.get(
+        { shape.gamma, shape.p, shape.lambda, shape.shift, m_impl->accuracy, correlated, 0.0, 0.0 },
+        [&] { return to_host(*sgtd::new_isotropic_albedo(*m_impl->core, correlated)); });
 }
 
-Losses Ndf::losses(bool correlated, double alpha_u, double alpha_v) const {
-    return checked([&] {
-        return to_host(*sgtd::new_anisotropic_albedo(*m_impl->core, correlated, alpha_u, alpha_v));
-    });
+std::shared_ptr<const Losses> Ndf::losses(bool correlated, double alpha_u, double alpha_v) const {
+    const Shape &shape = m_impl->shape;
+    return shared_losses.get({ shape.gamma, shape.p, shape.lambda, shape.shift, m_impl->accuracy,
+                               correlated, alpha_u, alpha_v },
+                             [&] {
+                                 return checked([&] {
+                                     return to_host(*sgtd::new_anisotropic_albedo(
+                                         *m_impl->core, correlated, alpha_u, alpha_v));
+                                 });
+                             });
 }
 
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {

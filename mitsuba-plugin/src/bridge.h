@@ -84,6 +84,8 @@ struct Losses {
     double average_log, average_u, average_v;
     /// Greatest error of E that was measured
     double reached;
+    /// Nodes of the grid over the view, and over roughness or azimuth
+    uint32_t views, columns;
     std::vector<float> table;
 };
 
@@ -113,8 +115,9 @@ public:
                         bool visible) const;
 
     /// What single scattering loses at every isotropic roughness, or at one pair of roughnesses.
-    Losses losses(bool correlated) const;
-    Losses losses(bool correlated, double alpha_u, double alpha_v) const;
+    /// Shared like the object of `get`.
+    std::shared_ptr<const Losses> losses(bool correlated) const;
+    std::shared_ptr<const Losses> losses(bool correlated, double alpha_u, double alpha_v) const;
 
     /// Batches. Directions are packed xyz, random numbers are pairs.
     using In  = Slice<const double>;

@@ -109,6 +109,17 @@ NB_MODULE(_core, m) {
                          auto tables = ndf.tables();
                          return (tables.lambda.size + tables.visible.size) * sizeof(float);
                      })
+        .def(
+            "losses",
+            [](const Ndf &ndf, bool correlated, std::optional<double> alpha_u,
+               std::optional<double> alpha_v) {
+                nb::gil_scoped_release unlocked;
+                auto losses = alpha_u && alpha_v ? ndf.losses(correlated, *alpha_u, *alpha_v)
+                                                 : ndf.losses(correlated);
+                return std::make_pair(losses->table.size() * sizeof(float), losses->reached);
+            },
+            "correlated"_a, "alpha_u"_a = nb::none(), "alpha_v"_a = nb::none(),
+            "(bytes, error of E that was measured) of the table of what single scattering loses.")
         .def("d", &per_direction<&Ndf::d_batch>, "alpha_u"_a, "alpha_v"_a, "m"_a)
         .def("lambda_", &per_direction<&Ndf::lambda_batch>, "alpha_u"_a, "alpha_v"_a, "w"_a)
         .def("g1", &per_direction<&Ndf::g1_batch>, "alpha_u"_a, "alpha_v"_a, "w"_a)

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cmath>
+#include <memory>
+#include <utility>
 
 #include <mitsuba/core/fwd.h>
 #include <mitsuba/core/logger.h>
@@ -27,8 +29,8 @@ template <typename Float_> struct SgtdMultipleScattering {
     using Packet      = dr::Array<Float, 4>;
     using FloatBuffer = DynamicBuffer<Float>;
 
-    /// Sizes of the grids. The core has the same constants; `load` compares.
-    static constexpr uint32_t Grid = 32, Average = 512, Views = 128, Azimuths = 32;
+    /// Length of the list of averages. The core has the same constant; `load` compares.
+    static constexpr uint32_t Average = 512;
 
     /// Is the table for one pair of roughnesses, or for every isotropic one?
     bool fixed = false;
@@ -39,17 +41,22 @@ template <typename Float_> struct SgtdMultipleScattering {
     Float spread, inv_greatest, inv_greatest_alpha, inv_least_log;
     /// Of tables for one pair: the pair, log2(1 - E_avg), derivatives by the pair's logarithms
     Float alpha_u, alpha_v, average, average_u, average_v;
+    /// Nodes of the grid over the view, and over roughness or azimuth: opaque, so that shapes whose
+    /// tables differ in size share their kernels
+    UInt32 views, columns;
     FloatBuffer table;
+    /// Held so that equal materials share it
+    std::shared_ptr<const sgtd::host::Losses> source;
 
     /// For every isotropic roughness.
-    static SgtdMultipleScattering load(const sgtd::host::Losses &losses) {
-        return load(losses, false, 1.0, 1.0, 4 * Grid * Grid + Average);
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> losses) {
+        return load(std::move(losses), false, 1.0, 1.0);
     }
 
     /// For one pair of roughnesses.
-    static SgtdMultipleScattering load(const sgtd::host::Losses &losses, double alpha_u,
-                                       double alpha_v) {
-        return load(losses, true, alpha_u, alpha_v, 4 * Views * Azimuths);
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> losses,
+                                       double alpha_u, double alpha_v) {
+        return load(std::move(losses), true, alpha_u, alpha_v);
     }
 
     /// What both directions share: the roughness, and 1 - E_avg.
@@ -65,8 +72,8 @@ template <typename Float_> struct SgtdMultipleScattering {
         // Two textures: the isotropic roughness that is closest for slopes across the view
         Float alpha = .5f * (u + v);
         auto [cell, t] =
-            locate(1.f - dr::log2(alpha * inv_greatest_alpha) * inv_least_log, Average);
-        UInt32 k  = 4 * Grid * Grid + cell;
+            locate(1.f - dr::log2(alpha * inv_greatest_alpha) * inv_least_log, UInt32(Average));
+        UInt32 k  = 4u * views * columns + cell;
         Float low = dr::gather<Float>(table, k), high = dr::gather<Float>(table, k + 1u);
         return { alpha, alpha, dr::exp2(dr::fmadd(t, high - low, low)) };
     }
@@ -79,7 +86,7 @@ template <typename Float_> struct SgtdMultipleScattering {
             Float square = dr::square(s.alpha_u * w.x()) + dr::square(s.alpha_v * w.y());
             along        = dr::sqrt(dr::maximum(square / sin2, 1e-18f));
         }
-        Float ratio = w.z() / dr::fmadd(sin, compressed(along), w.z()),
+        Float ratio = w.z() / dr::fmadd(sin, half(along), w.z()),
               near  = dr::exp2(power * dr::log2(dr::clip(ratio, 1e-30f, 1.f))),
               v     = 1.f - dr::exp2(end * dr::log2(dr::maximum(1.f - near, 1e-7f)));
         Float root  = fixed ? read_pair(s, w, v)
@@ -138,9 +145,11 @@ template <typename Float_> struct SgtdMultipleScattering {
     }
 
 private:
-    static SgtdMultipleScattering load(const sgtd::host::Losses &losses, bool fixed, double alpha_u,
-                                       double alpha_v, size_t size) {
-        if (losses.table.size() != size)
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> source, bool fixed,
+                                       double alpha_u, double alpha_v) {
+        const sgtd::host::Losses &losses = *source;
+        if (losses.table.size() !=
+            (size_t)4 * losses.views * losses.columns + (fixed ? 0u : Average))
             Throw("sgtd: the table of losses does not have the layout that this plugin was built "
                   "for; rebuild the package.");
         SgtdMultipleScattering result;
@@ -157,18 +166,27 @@ private:
         result.average       = (float)losses.average_log;
         result.average_u     = (float)losses.average_u;
         result.average_v     = (float)losses.average_v;
+        result.views         = losses.views;
+        result.columns       = losses.columns;
         result.table         = dr::load<FloatBuffer>(losses.table.data(), losses.table.size());
         if constexpr (dr::is_jit_v<Float>)
             dr::make_opaque(result.slope, result.power, result.end, result.spread,
                             result.inv_greatest, result.inv_greatest_alpha, result.inv_least_log,
                             result.alpha_u, result.alpha_v, result.average, result.average_u,
-                            result.average_v, result.table);
+                            result.average_v, result.views, result.columns, result.table);
+        result.source = std::move(source);
         return result;
     }
 
     /// The cosine at which losses end
     Float lobe_width(const Surface &s) const {
         return dr::maximum(compressed(.5f * (s.alpha_u + s.alpha_v)), 1e-4f);
+    }
+
+    /// c: the tangent of the elevation around which losses change, for low roughness and for high
+    Float half(const Float &along) const {
+        Float x = along * slope;
+        return x / dr::fmadd(x, x, 1.f);
     }
 
     Float compressed(const Float &alpha) const {
@@ -182,9 +200,9 @@ private:
     }
 
     /// The cell of a coordinate in [0, 1] on an axis of `count` nodes, and the place in it.
-    static std::pair<UInt32, Float> locate(const Float &x, uint32_t count) {
-        Float scaled = dr::clip(x, 0.f, 1.f) * (float)(count - 1);
-        UInt32 cell  = dr::minimum(UInt32(dr::detach(scaled)), count - 2);
+    static std::pair<UInt32, Float> locate(const Float &x, const UInt32 &count) {
+        Float scaled = dr::clip(x, 0.f, 1.f) * Float(count - 1u);
+        UInt32 cell  = dr::minimum(UInt32(dr::detach(scaled)), count - 2u);
         return { cell, scaled - Float(cell) };
     }
 
@@ -192,9 +210,9 @@ private:
 
     /// Bicubic Hermite polynomial.
     Float read_isotropic(const Float &v, const Float &w) const {
-        auto [i, s]  = locate(v, Grid);
-        auto [j, t]  = locate(w, Grid);
-        UInt32 index = i * Grid + j;
+        auto [i, s]  = locate(v, views);
+        auto [j, t]  = locate(w, columns);
+        UInt32 index = i * columns + j;
         // Polynomials for value and derivative at both ends
         auto at = [](const Float &x) {
             Float rest = 1.f - x;
@@ -209,8 +227,8 @@ private:
                              slope_v * dr::fmadd(value_w, f[1], slope_w * f[3]));
         };
         return term(index, p[0], p[1], q[0], q[1]) + term(index + 1u, p[0], p[1], q[2], q[3]) +
-               term(index + Grid, p[2], p[3], q[0], q[1]) +
-               term(index + Grid + 1u, p[2], p[3], q[2], q[3]);
+               term(index + columns, p[2], p[3], q[0], q[1]) +
+               term(index + columns + 1u, p[2], p[3], q[2], q[3]);
     }
 
     /// Bilinear interpolation of value and derivatives by the roughness.
@@ -220,11 +238,11 @@ private:
         Float x = dr::sqrt(surface.alpha_u) * dr::abs(w.x()),
               y = dr::sqrt(surface.alpha_v) * dr::abs(w.y()), sum = x + y;
         Float azimuth = dr::select(sum > 1e-12f, y / dr::maximum(sum, 1e-12f), 0.f);
-        auto [i, s]   = locate(v, Views);
-        auto [j, t]   = locate(azimuth, Azimuths);
-        UInt32 k      = i * Azimuths + j;
+        auto [i, s]   = locate(v, views);
+        auto [j, t]   = locate(azimuth, columns);
+        UInt32 k      = i * columns + j;
         Packet low    = dr::lerp(packet(k), packet(k + 1u), t),
-               high   = dr::lerp(packet(k + Azimuths), packet(k + Azimuths + 1u), t),
+               high   = dr::lerp(packet(k + columns), packet(k + columns + 1u), t),
                f      = dr::lerp(low, high, s);
         return dr::fmadd(f[1], dr::log(surface.alpha_u / alpha_u),
                          dr::fmadd(f[2], dr::log(surface.alpha_v / alpha_v), f[0]));
@@ -233,7 +251,7 @@ private:
 public:
     DRJIT_STRUCT(SgtdMultipleScattering, slope, power, end, spread, inv_greatest,
                  inv_greatest_alpha, inv_least_log, alpha_u, alpha_v, average, average_u, average_v,
-                 table)
+                 views, columns, table)
 };
 
 NAMESPACE_END(mitsuba)

@@ -53,8 +53,12 @@ impl Rule {
     pub const REFERENCE: Self = Self { azimuthal: 48, radial: 16 };
     /// For isotropic tables: E within 1e-4 of the reference for smooth profiles.
     pub const TABLE: Self = Self { azimuthal: 12, radial: 6 };
+    /// For shapes with corners, boxes and rings: they make kinks in what depends on the azimuth.
+    pub const FINE: Self = Self { azimuthal: 24, radial: 10 };
     /// E within 3e-4 where the two roughnesses differ: their ratio narrows what depends on the azimuth.
     pub const ANISOTROPIC: Self = Self { azimuthal: 20, radial: 6 };
+    /// For such shapes with corners: E within 3e-4.
+    pub const PAIR: Self = Self { azimuthal: 40, radial: 8 };
 }
 
 /// Panels wider than this ratio are divided: masking of ω_o changes over a factor of about that in slope.

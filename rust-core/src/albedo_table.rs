@@ -1,15 +1,16 @@
 //! The energy lost by single scattering, tabulated for one shape.
 //!
 //! What is stored is `√(1 − E)`: its square cannot leave 0 … 1 by interpolation and keeps its digits where almost nothing is
-//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + α_∥ x)`, which at low roughness is a function of the argument of
-//! masking alone and at high roughness one of the angle; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
+//! lost. A view enters as `v = 1 − (1 − (cot/(cot + c))^q)^e`, `c = α_∥ x/(1 + (α_∥ x)²)`: at low roughness losses end where the view
+//! is as steep as the facets, at high roughness where it is as flat as the rest of the angle between them and the normal; a roughness as `w = (αx/(αx + 1))^s`. x is the median slope of the shape. In
 //! these coordinates the loss has a limit at every edge, and power laws of heavy tails are as smooth as others.
 //!
 //! * **Isotropic** tables hold any roughness: bicubic Hermite polynomials over (v, w), so textures and derivatives need nothing else.
 //! * **Anisotropic** tables hold one pair of roughnesses: over v and the azimuth, as value and derivatives with respect to
 //!   both logarithms of the roughness, read bilinearly. (Four variables at once take 10⁵ nodes to reach 1e-3.)
 //!
-//! Few nodes are computed, at Chebyshev's points; the grids are filled from the polynomials through them.
+//! Smooth shapes have few nodes computed, at Chebyshev's points, and the grids filled from the polynomials through them. The error is then measured;
+//! losses with corners (boxes, rings) are computed at every node of a larger grid.
 //!
 //! The average `1 − E_avg = ∫ (1 − E) cos θ dω/π` is that of the *tabulated* E. So what a lobe made from the table returns is all that the
 //! table says is lost: a furnace is off by the error of E at the view, and by no more.
@@ -22,38 +23,67 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::LN_2;
 
-/// Nodes per axis of the isotropic grid.
-pub const GRID: usize = 32;
 /// Nodes of the isotropic average.
 pub const AVERAGE: usize = 512;
-/// Nodes of the anisotropic grid, over v and over the azimuth.
-pub const VIEWS: (usize, usize) = (128, 32);
 /// Numbers at every node of a grid.
 pub const PACKET: usize = 4;
-/// Numbers in an isotropic table: its average follows the grid.
-pub const ISOTROPIC: usize = PACKET * GRID * GRID + AVERAGE;
-/// Numbers in an anisotropic table.
-pub const ANISOTROPIC: usize = PACKET * VIEWS.0 * VIEWS.1;
 
 /// The least roughness of a material.
 pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the losses stay what they are there, where most of the energy is lost.
 pub const GREATEST_ALPHA: f64 = 8.0;
-/// Chebyshev's points per axis: more are tried until the error is below the permitted one.
-const POINTS: [usize; 3] = [16, 24, 36];
+/// Efforts for isotropic tables: the next promising one is tried until the error is small enough.
+const EFFORTS: [Effort; 6] = [
+    Effort { grid: (32, 32), points: (16, 16), rule: Rule::TABLE, below: f64::INFINITY, enough: 4e-4 },
+    Effort { grid: (32, 32), points: (24, 24), rule: Rule::TABLE, below: 1e-2, enough: 4e-4 },
+    Effort { grid: (32, 32), points: (32, 32), rule: Rule::TABLE, below: 8e-4, enough: 4e-4 },
+    Effort { grid: (64, 48), points: (64, 48), rule: Rule::TABLE, below: 3e-2, enough: 4e-4 },
+    Effort { grid: (96, 64), points: (96, 64), rule: Rule::FINE, below: f64::INFINITY, enough: 6e-4 },
+    Effort { grid: (96, 160), points: (96, 160), rule: Rule::FINE, below: f64::INFINITY, enough: 6e-4 },
+];
 /// The same for anisotropic tables, over v and the azimuth.
-const ANISOTROPIC_POINTS: [(usize, usize); 2] = [(16, 10), (32, 20)];
-/// What E may be off by, as measured in the middle of cells.
-const PERMITTED: f64 = 2e-4;
-/// Cells per axis in which the error is measured.
-const MEASURED: usize = 11;
+const ANISOTROPIC_EFFORTS: [Effort; 4] = [
+    Effort { grid: (128, 32), points: (16, 10), rule: Rule::ANISOTROPIC, below: f64::INFINITY, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (32, 20), rule: Rule::ANISOTROPIC, below: 1e-2, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (192, 20), rule: Rule::ANISOTROPIC, below: 2e-2, enough: 6e-4 },
+    Effort { grid: (192, 48), points: (192, 48), rule: Rule::PAIR, below: f64::INFINITY, enough: 6e-4 },
+];
+/// Places of a table at which the error is measured.
+const MEASURED: usize = 121;
+/// Further ones along the normal.
+const MEASURED_NORMAL: usize = 60;
+/// Nodes from which the average is interpolated to all of its list.
+const AVERAGE_NODES: usize = 103;
 /// Relative step of derivatives with respect to the roughness.
 const STEP: f64 = 1e-3;
+
+/// Nodes of a grid, and how they are computed.
+#[derive(Debug, Clone, Copy)]
+struct Effort {
+    /// Nodes along both axes.
+    grid: (usize, usize),
+    /// Of which so many are computed: all of them, or Chebyshev's points if fewer.
+    points: (usize, usize),
+    rule: Rule,
+    /// Errors of the effort before above which this one is left out: corners are hopeless for few nodes.
+    below: f64,
+    /// The error at which no further effort is made.
+    enough: f64,
+}
+
+impl Effort {
+    /// What is computed along both axes.
+    fn nodes(&self) -> (Nodes, Nodes) {
+        (Nodes::new(self.points.0, self.grid.0), Nodes::new(self.points.1, self.grid.1))
+    }
+}
 
 /// Losses of one shape.
 #[derive(Debug, Clone)]
 pub struct AlbedoTable {
     flat: Vec<f32>,
+    /// Nodes of the grid over the view, and over roughness or azimuth.
+    grid: (usize, usize),
     coordinates: Coordinates,
     /// The pair of an anisotropic table.
     fixed: Option<Fixed>,
@@ -139,7 +169,8 @@ impl Coordinates {
 
     /// c
     fn half(&self, along: f64) -> f64 {
-        self.compressed(along)
+        let x = along * self.slope;
+        x / x.mul_add(x, 1.0)
     }
     fn cotangent_at(&self, v: f64, along: f64) -> f64 {
         let ratio = (1.0 - (1.0 - v).powf(1.0 / self.end)).powf(1.0 / self.power);
@@ -169,99 +200,122 @@ impl AlbedoTable {
     /// Tabulates a distribution for every isotropic roughness.
     pub fn isotropic(ndf: &Ndf, shadowing: Shadowing) -> Self {
         let coordinates = Coordinates::new(ndf, shadowing);
-        let source = SingleScattering::new(ndf, shadowing, Rule::TABLE);
-        let exact = |v: f64, w: f64| {
+        let exact = |source: &SingleScattering<'_>, v: f64, w: f64| {
             let alpha = coordinates.roughness_at(w);
             let flat = View { a: 0.0, along: alpha, across: alpha, shear: 0.0 };
             source.loss(coordinates.view_at(v, flat)).sqrt()
         };
-        let mut best = Self { flat: Vec::new(), coordinates, fixed: None, reached: f64::INFINITY };
-        for points in POINTS {
-            let nodes = chebyshev(points);
-            let values: Vec<f64> =
-                (0..points * points).into_par_iter().map(|k| exact(nodes[k / points], nodes[k % points])).collect();
-            let by_v = along_first(&nodes, &values, GRID);
-            let slope_v = along_first(&nodes, &derivative(&nodes, &values), GRID);
+        // finer than the first efforts, so that the error of their rule counts as well
+        let judge = SingleScattering::new(ndf, shadowing, Rule::FINE);
+        let measured = Measured::new(|v, w| exact(&judge, v, w));
+        let mut best = Self { flat: Vec::new(), grid: (0, 0), coordinates, fixed: None, reached: f64::INFINITY };
+        for effort in EFFORTS {
+            if best.reached > effort.below {
+                continue;
+            }
+            let source = SingleScattering::new(ndf, shadowing, effort.rule);
+            let (views, roughnesses) = effort.grid;
+            let (nodes_v, nodes_w) = effort.nodes();
+            let values: Vec<f64> = (0..effort.points.0 * effort.points.1)
+                .into_par_iter()
+                .map(|k| exact(&source, nodes_v.at[k / effort.points.1], nodes_w.at[k % effort.points.1]))
+                .collect();
+            let by_v = nodes_v.fill(&values, views);
+            let slope_v = nodes_v.fill(&nodes_v.derivative(&values), views);
             let fill = |values: &[f64]| {
-                let turned = turn(values, GRID);
-                let slopes = derivative(&nodes, &turned);
+                let turned = turn(values, views);
+                let slopes = nodes_w.derivative(&turned);
                 // (w, v) → (v, w)
-                [turned, slopes].map(|turned| turn(&along_first(&nodes, &turned, GRID), GRID))
+                [turned, slopes].map(|turned| turn(&nodes_w.fill(&turned, roughnesses), roughnesses))
             };
             let ([f, f_w], [f_v, f_vw]) = (fill(&by_v), fill(&slope_v));
-            let mut table = Self { flat: Vec::with_capacity(ISOTROPIC), ..best.clone() };
-            let cell = 1.0 / (GRID - 1) as f64;
-            for k in 0..GRID * GRID {
-                table.flat.extend([f[k], f_v[k] * cell, f_w[k] * cell, f_vw[k] * cell * cell].map(|x| x as f32));
+            let mut table = Self { flat: Vec::with_capacity(PACKET * f.len() + AVERAGE), grid: effort.grid, ..best };
+            let (cell_v, cell_w) = (1.0 / (views - 1) as f64, 1.0 / (roughnesses - 1) as f64);
+            for k in 0..f.len() {
+                table
+                    .flat
+                    .extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
             }
-            table.reached = (0..MEASURED * MEASURED)
-                .into_par_iter()
-                .map(|k| {
-                    let [v, w] = [k / MEASURED, k % MEASURED].map(|j| middle(j, GRID));
-                    (table.root(v, w).powi(2) - exact(v, w).powi(2)).abs()
-                })
-                .reduce(|| 0.0, f64::max);
+            table.reached = measured.error(|v, w| table.root(v, w));
             if table.reached < best.reached {
                 best = table;
             }
-            if best.reached <= PERMITTED {
+            if best.reached <= effort.enough {
                 break;
             }
         }
-        let average: Vec<f32> = (0..AVERAGE)
-            .into_par_iter()
-            .map(|k| {
-                let alpha = Coordinates::roughness_at_log(k as f64 / (AVERAGE - 1) as f64);
+        let logs = Nodes::even(AVERAGE_NODES);
+        let averages: Vec<f64> = logs
+            .at
+            .par_iter()
+            .map(|&log| {
+                let alpha = Coordinates::roughness_at_log(log);
                 let w = coordinates.roughness(alpha);
-                best.integral(GRID, 4, alpha, |v| best.root(v, w)).log2() as f32
+                best.integral(best.grid.0, 4, alpha, |v| best.root(v, w)).log2()
             })
             .collect();
-        best.flat.extend(average);
+        let slopes = logs.derivative(&averages);
+        best.flat.extend((0..AVERAGE).map(|k| {
+            let (cell, t) = locate(k as f64 / (AVERAGE - 1) as f64, AVERAGE_NODES);
+            let [[f0, d0], [f1, d1]] = hermite(t);
+            let width = 1.0 / (AVERAGE_NODES - 1) as f64;
+            (f0 * averages[cell] + f1 * averages[cell + 1] + width * (d0 * slopes[cell] + d1 * slopes[cell + 1])) as f32
+        }));
         best
     }
 
     /// Tabulates a distribution for one pair of roughnesses.
     pub fn anisotropic(ndf: &Ndf, shadowing: Shadowing, alpha: Roughness) -> Self {
         let coordinates = Coordinates::new(ndf, shadowing);
-        let source = SingleScattering::new(ndf, shadowing, Rule::ANISOTROPIC);
-        let exact = |v: f64, azimuth: f64, alpha: Roughness| {
+        let exact = |source: &SingleScattering<'_>, v: f64, azimuth: f64, alpha: Roughness| {
             let horizontal = View::new(alpha, Coordinates::direction_at(azimuth, alpha));
             source.loss(coordinates.view_at(v, horizontal)).sqrt()
         };
-        let fill = |(points_v, points_azimuth): (usize, usize), alpha: Roughness| {
-            let (nodes_v, nodes_azimuth) = (chebyshev(points_v), chebyshev(points_azimuth));
-            let values: Vec<f64> = (0..points_v * points_azimuth)
+        let compute = |effort: Effort, alpha: Roughness| -> Vec<f64> {
+            let source = SingleScattering::new(ndf, shadowing, effort.rule);
+            let (views, azimuths) = effort.nodes();
+            let (count, inner) = effort.points;
+            (0..count * inner)
                 .into_par_iter()
-                .map(|k| exact(nodes_v[k / points_azimuth], nodes_azimuth[k % points_azimuth], alpha))
-                .collect();
-            let turned = turn(&along_first(&nodes_v, &values, VIEWS.0), VIEWS.0);
-            turn(&along_first(&nodes_azimuth, &turned, VIEWS.1), VIEWS.1)
+                .map(|k| exact(&source, views.at[k / inner], azimuths.at[k % inner], alpha))
+                .collect()
+        };
+        let spread = |effort: Effort, values: &[f64], (views, azimuths): (usize, usize)| {
+            let (nodes_v, nodes_azimuth) = effort.nodes();
+            let turned = turn(&nodes_v.fill(values, views), views);
+            turn(&nodes_azimuth.fill(&turned, azimuths), azimuths)
         };
         let stepped =
             [alpha, Roughness { u: alpha.u * (1.0 + STEP), ..alpha }, Roughness { v: alpha.v * (1.0 + STEP), ..alpha }];
         let step = STEP.ln_1p();
-        let coarse = stepped.map(|alpha| fill(ANISOTROPIC_POINTS[0], alpha));
+        let first = ANISOTROPIC_EFFORTS[0];
+        let coarse = stepped.map(|alpha| compute(first, alpha));
+        // derivatives need no corners: the nodes of the first effort do
+        let slopes = [1, 2].map(|side| {
+            let pairs = coarse[side].iter().zip(&coarse[0]);
+            pairs.map(|(there, here)| (there - here) / step).collect::<Vec<f64>>()
+        });
+        let judge = SingleScattering::new(ndf, shadowing, Rule::PAIR);
+        let measured = Measured::new(|v, azimuth| exact(&judge, v, azimuth, alpha));
         let average = Average { log: 0.0, slopes: [0.0; 2] };
         let fixed = Some(Fixed { alpha, average });
-        let mut best = Self { flat: Vec::new(), coordinates, fixed, reached: f64::INFINITY };
-        for points in ANISOTROPIC_POINTS {
-            let values = if points == ANISOTROPIC_POINTS[0] { coarse[0].clone() } else { fill(points, alpha) };
-            let mut table = Self { flat: Vec::with_capacity(ANISOTROPIC), ..best.clone() };
-            for (k, &value) in values.iter().enumerate() {
-                let slope = |side: usize| (coarse[side][k] - coarse[0][k]) / step;
-                table.flat.extend([value, slope(1), slope(2), 0.0].map(|x| x as f32));
+        let mut best = Self { flat: Vec::new(), grid: (0, 0), coordinates, fixed, reached: f64::INFINITY };
+        for (k, &effort) in ANISOTROPIC_EFFORTS.iter().enumerate() {
+            if best.reached > effort.below {
+                continue;
             }
-            table.reached = (0..MEASURED * MEASURED)
-                .into_par_iter()
-                .map(|k| {
-                    let (v, azimuth) = (middle(k / MEASURED, VIEWS.0), middle(k % MEASURED, VIEWS.1));
-                    (table.packet(v, azimuth)[0].powi(2) - exact(v, azimuth, alpha).powi(2)).abs()
-                })
-                .reduce(|| 0.0, f64::max);
+            let values = if k == 0 { coarse[0].clone() } else { compute(effort, alpha) };
+            let values = spread(effort, &values, effort.grid);
+            let [by_u, by_v] = [0, 1].map(|side| spread(first, &slopes[side], effort.grid));
+            let mut table = Self { flat: Vec::with_capacity(PACKET * values.len()), grid: effort.grid, ..best };
+            for (value, (by_u, by_v)) in values.iter().zip(by_u.iter().zip(&by_v)) {
+                table.flat.extend([*value, *by_u, *by_v, 0.0].map(|x| x as f32));
+            }
+            table.reached = measured.error(|v, azimuth| table.packet(v, azimuth)[0]);
             if table.reached < best.reached {
                 best = table;
             }
-            if best.reached <= PERMITTED {
+            if best.reached <= effort.enough {
                 break;
             }
         }
@@ -272,7 +326,7 @@ impl AlbedoTable {
                 let (sin, cos) = (std::f64::consts::FRAC_PI_2 * t).sin_cos();
                 let w = DVec3::new(cos, sin, 0.0);
                 let azimuth = Coordinates::azimuth(alpha, w);
-                best.integral(VIEWS.0, 1, View::new(alpha, w).along, |v| {
+                best.integral(best.grid.0, 1, View::new(alpha, w).along, |v| {
                     let packet = best.packet(v, azimuth);
                     packet[0] + by * packet[k]
                 })
@@ -290,6 +344,10 @@ impl AlbedoTable {
     pub fn flat(&self) -> &[f32] {
         &self.flat
     }
+    /// Nodes of the grid over the view, and over roughness or azimuth.
+    pub fn grid(&self) -> (usize, usize) {
+        self.grid
+    }
     /// Where a view and a roughness are in the table.
     pub fn coordinates(&self) -> Coordinates {
         self.coordinates
@@ -298,7 +356,7 @@ impl AlbedoTable {
     pub fn average(&self) -> Option<Average> {
         self.fixed.map(|fixed| fixed.average)
     }
-    /// The greatest error of E that was measured in the middle of cells.
+    /// The greatest error of E that was measured, at places spread evenly over the table.
     pub fn reached(&self) -> f64 {
         self.reached
     }
@@ -323,7 +381,7 @@ impl AlbedoTable {
             None => {
                 let x = Coordinates::log_roughness(alpha.u) * (AVERAGE - 1) as f64;
                 let cell = (x as usize).min(AVERAGE - 2);
-                let at = |k: usize| f64::from(self.flat[PACKET * GRID * GRID + k]);
+                let at = |k: usize| f64::from(self.flat[self.flat.len() - AVERAGE + k]);
                 at(cell) + (x - cell as f64) * (at(cell + 1) - at(cell))
             }
             Some(Fixed { alpha: own, average: Average { log, slopes } }) => {
@@ -335,12 +393,12 @@ impl AlbedoTable {
 
     /// The bicubic polynomial of an isotropic grid.
     fn root(&self, v: f64, w: f64) -> f64 {
-        let ((i, s), (j, t)) = (locate(v, GRID), locate(w, GRID));
+        let ((i, s), (j, t)) = (locate(v, self.grid.0), locate(w, self.grid.1));
         let (along_v, along_w) = (hermite(s), hermite(t));
         let mut sum = 0.0;
         for (di, [value_v, slope_v]) in along_v.into_iter().enumerate() {
             for (dj, [value_w, slope_w]) in along_w.into_iter().enumerate() {
-                let at = PACKET * ((i + di) * GRID + j + dj);
+                let at = PACKET * ((i + di) * self.grid.1 + j + dj);
                 let packet = &self.flat[at..at + PACKET];
                 sum += value_v * (value_w * f64::from(packet[0]) + slope_w * f64::from(packet[2]))
                     + slope_v * (value_w * f64::from(packet[1]) + slope_w * f64::from(packet[3]));
@@ -351,8 +409,8 @@ impl AlbedoTable {
 
     /// Bilinear interpolation of an anisotropic grid.
     fn packet(&self, v: f64, azimuth: f64) -> [f64; PACKET] {
-        let ((i, s), (j, t)) = (locate(v, VIEWS.0), locate(azimuth, VIEWS.1));
-        let at = |i: usize, j: usize, k: usize| f64::from(self.flat[PACKET * (i * VIEWS.1 + j) + k]);
+        let ((i, s), (j, t)) = (locate(v, self.grid.0), locate(azimuth, self.grid.1));
+        let at = |i: usize, j: usize, k: usize| f64::from(self.flat[PACKET * (i * self.grid.1 + j) + k]);
         std::array::from_fn(|k| {
             let row = |i: usize| at(i, j, k) + t * (at(i, j + 1, k) - at(i, j, k));
             row(i) + s * (row(i + 1) - row(i))
@@ -386,9 +444,23 @@ impl AlbedoTable {
     }
 }
 
-/// The middle of the cell that is `j`/[`MEASURED`] of the way along an axis.
-fn middle(j: usize, count: usize) -> f64 {
-    ((j * (count - 2) / (MEASURED - 1)) as f64 + 0.5) / (count - 1) as f64
+/// √(1 − E) at places spread evenly over a table (the first two coordinates of Roberts' sequence), by quadrature.
+struct Measured(Vec<(f64, f64, f64)>);
+
+impl Measured {
+    fn new(exact: impl Fn(f64, f64) -> f64 + Sync) -> Self {
+        let place = |k: usize, step: f64| (0.5 + step * k as f64).fract();
+        let at = |k: usize| (place(k, 0.7548776662466927), place(k, 0.5698402909980532));
+        // and along the normal, where a box has a corner at the roughness at which its rim reflects to the horizon
+        let normal = |k: usize| (1.0, (k as f64 + 0.5) / MEASURED_NORMAL as f64);
+        let all = (0..MEASURED + MEASURED_NORMAL).into_par_iter();
+        let places = all.map(|k| if k < MEASURED { at(k) } else { normal(k - MEASURED) });
+        Self(places.map(|(x, y)| (x, y, exact(x, y))).collect())
+    }
+    /// The greatest error of E.
+    fn error(&self, root: impl Fn(f64, f64) -> f64) -> f64 {
+        self.0.iter().map(|&(x, y, exact)| (root(x, y).powi(2) - exact.powi(2)).abs()).fold(0.0, f64::max)
+    }
 }
 
 /// The cell of a coordinate in [0, 1], and the place in it.
@@ -404,9 +476,54 @@ fn hermite(t: f64) -> [[f64; 2]; 2] {
     [[rest * rest * (1.0 + 2.0 * t), t * rest * rest], [t * t * (1.0 + 2.0 * rest), -t * t * rest]]
 }
 
-/// Chebyshev's points of the second kind on [0, 1], ascending.
-fn chebyshev(count: usize) -> Vec<f64> {
-    (0..count).map(|k| 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / (count - 1) as f64).cos()).collect()
+/// Points of [0, 1], ascending, ends included, at which a function is known along the first axis of an array.
+struct Nodes {
+    at: Vec<f64>,
+    /// Even ones are joined piece by piece, Chebyshev's points of the second kind by one polynomial through all.
+    even: bool,
+}
+
+impl Nodes {
+    /// All nodes of a grid, or Chebyshev's points if fewer.
+    fn new(count: usize, grid: usize) -> Self {
+        if count == grid { Self::even(grid) } else { Self::chebyshev(count) }
+    }
+    fn even(count: usize) -> Self {
+        Self { at: (0..count).map(|k| k as f64 / (count - 1) as f64).collect(), even: true }
+    }
+    fn chebyshev(count: usize) -> Self {
+        let at = (0..count).map(|k| 0.5 - 0.5 * (std::f64::consts::PI * k as f64 / (count - 1) as f64).cos()).collect();
+        Self { at, even: false }
+    }
+    /// Values at `count` even points.
+    fn fill(&self, values: &[f64], count: usize) -> Vec<f64> {
+        if self.even && self.at.len() == count { values.to_vec() } else { along_first(&self.at, values, count) }
+    }
+    /// Derivatives at the nodes.
+    fn derivative(&self, values: &[f64]) -> Vec<f64> {
+        if self.even { differences(self.at.len(), values) } else { derivative(&self.at, values) }
+    }
+}
+
+/// Derivatives along the first axis at `count` even points of [0, 1], from the polynomial through five neighbors: their closed form is
+/// `Σ_{j≠k} (w_j/w_k)(f_j − f_k)/(k − j)` with the barycentric weights `(−1)^j C(4, j)`.
+fn differences(count: usize, values: &[f64]) -> Vec<f64> {
+    const WEIGHTS: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+    let inner = values.len() / count;
+    let mut out = vec![0.0; values.len()];
+    for (k, out) in out.chunks_exact_mut(inner).enumerate() {
+        let first = k.saturating_sub(2).min(count - 5);
+        let own = &values[k * inner..][..inner];
+        for (j, weight) in WEIGHTS.iter().enumerate().filter(|&(j, _)| first + j != k) {
+            let step = (k as f64 - (first + j) as f64) / (count - 1) as f64;
+            let share = weight / WEIGHTS[k - first] / step;
+            let other = &values[(first + j) * inner..][..inner];
+            for (out, (other, own)) in out.iter_mut().zip(other.iter().zip(own)) {
+                *out += share * (other - own);
+            }
+        }
+    }
+    out
 }
 
 /// Barycentric weights of Chebyshev's points.

@@ -87,6 +87,8 @@ mod ffi {
         average_u: f64,
         average_v: f64,
         reached: f64,
+        views: u32,
+        columns: u32,
     }
 
     extern "Rust" {
@@ -229,6 +231,8 @@ impl AlbedoTable {
             average_u: average.map_or(0.0, |average| average.slopes[0]),
             average_v: average.map_or(0.0, |average| average.slopes[1]),
             reached: self.0.reached(),
+            views: self.0.grid().0 as u32,
+            columns: self.0.grid().1 as u32,
         }
     }
 

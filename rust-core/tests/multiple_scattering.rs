@@ -6,7 +6,7 @@ use cases::{Case, LIST, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::albedo::{Rule, SingleScattering, View};
-use sgtd_core::albedo_table::{AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA};
+use sgtd_core::albedo_table::{AVERAGE, AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA, PACKET};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::random_walk::RandomWalk;
 use std::f64::consts::PI;
@@ -49,11 +49,12 @@ fn heavy_tails_lose_most() {
 #[test]
 fn loss_agrees_with_brute_force() {
     let mut random = Random::seeded("loss");
-    let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).collect();
+    let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD).collect();
     for case in shapes {
         let ndf = ndf(case);
         let alpha = Roughness { u: random.log_between(0.05, 2.0), v: random.log_between(0.05, 2.0) };
         let wi = view(&mut random);
+        let rule = if HARD.contains(&case) { Rule::PAIR } else { Rule::ANISOTROPIC };
         for mode in MODES {
             const COUNT: u32 = 400_000;
             let kept: f64 = (0..COUNT)
@@ -73,7 +74,7 @@ fn loss_agrees_with_brute_force() {
                 .sum::<f64>()
                 / f64::from(COUNT);
             let reference = 1.0 - SingleScattering::new(&ndf, mode, Rule::REFERENCE).loss(View::new(alpha, wi));
-            let fine = 1.0 - SingleScattering::new(&ndf, mode, Rule::ANISOTROPIC).loss(View::new(alpha, wi));
+            let fine = 1.0 - SingleScattering::new(&ndf, mode, rule).loss(View::new(alpha, wi));
             assert!((kept - reference).abs() < 2e-4, "{case:?} {alpha:?} {wi}: drawn {kept}, quadrature {reference}");
             assert!((fine - reference).abs() < 3e-4, "{case:?} {alpha:?} {wi}: {fine}, finer {reference}");
         }
@@ -95,10 +96,42 @@ fn views_know_their_roughness() {
     }
 }
 
+/// Boxes, rings, skews and heavy tails: their losses have corners, or change over decades of the view.
+const HARD: [Case; 9] = [
+    Case { gamma: 2.0, p: 1.0, lambda: 0.0, shift: 5.0 },
+    Case { gamma: 2.0, p: 50.0, lambda: 0.0, shift: 0.0 },
+    Case { gamma: f64::INFINITY, p: 50.0, lambda: 0.9, shift: 0.0 },
+    Case { gamma: 1.7, p: 50.0, lambda: -0.9, shift: 0.4 },
+    Case { gamma: 1.52, p: 1.0, lambda: 0.0, shift: 0.0 },
+    Case { gamma: f64::INFINITY, p: 20.0, lambda: 0.0, shift: 2.0 },
+    Case { gamma: f64::INFINITY, p: 1.0, lambda: -0.9, shift: 10.0 },
+    Case { gamma: f64::INFINITY, p: 9.3, lambda: 0.7, shift: 9.8 },
+    Case { gamma: 1.9, p: 0.8, lambda: -0.1, shift: 9.1 },
+];
+
+/// Shapes by chance that a user may give.
+fn ordinary_shapes(random: &mut Random, count: usize) -> Vec<Case> {
+    (0..count)
+        .map(|_| {
+            let p = if random.below(3) == 0 { 1.0 } else { random.log_between(0.3, 50.0) };
+            let least = 1.52 / p.min(1.0);
+            let gamma = match random.below(3) {
+                0 => f64::INFINITY,
+                1 => least + random.log_between(1e-3, 1.0),
+                _ => least + random.log_between(0.1, 40.0),
+            };
+            let lambda = if random.below(3) == 0 { 0.0 } else { random.between(-0.9, 0.9) };
+            let shift = if random.below(3) == 0 { 0.0 } else { random.between(0.0, 10.0) };
+            Case { gamma, p, lambda, shift }
+        })
+        .collect()
+}
+
 /// E from the table at roughness that no node has, grazing to normal: the error of a furnace.
 #[test]
 fn tables_hold_what_is_lost() {
-    let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).collect();
+    let mut shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD).collect();
+    shapes.extend(ordinary_shapes(&mut Random::seeded("tables"), 12));
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
         let mut random = Random::new(77 + k as u64);
         let ndf = ndf(case);
@@ -106,7 +139,7 @@ fn tables_hold_what_is_lost() {
             let source = SingleScattering::new(&ndf, mode, Rule::REFERENCE);
             let table = AlbedoTable::isotropic(&ndf, mode);
             let mut worst = (0.0, 0.0, DVec3::Z);
-            for _ in 0..400 {
+            for _ in 0..200 {
                 let (alpha, w) = (random.log_between(0.05, 2.0), view(&mut random));
                 let error = (table.loss(isotropic(alpha), w) - source.loss(View::new(isotropic(alpha), w))).abs();
                 if !(error <= worst.0) {
@@ -121,8 +154,11 @@ fn tables_hold_what_is_lost() {
                 table.reached()
             );
             assert!(worst.0 < 1e-3, "{case:?} {mode:?}: {worst:?}");
-            assert_eq!(table.flat().len(), sgtd_core::albedo_table::ISOTROPIC);
-            assert!(4 * table.flat().len() <= 64 * 1024 && table.average().is_none());
+            // what is said of the error is what the random views find, within their reach
+            assert!(worst.0 < 4.0 * table.reached() + 1e-4, "{case:?} {mode:?}: {worst:?} {}", table.reached());
+            let (views, roughnesses) = table.grid();
+            assert_eq!(table.flat().len(), PACKET * views * roughnesses + AVERAGE);
+            assert!(4 * table.flat().len() <= 256 * 1024 && table.average().is_none());
         }
     });
 }
@@ -130,7 +166,7 @@ fn tables_hold_what_is_lost() {
 /// The same for pairs of roughnesses, with the derivative by both.
 #[test]
 fn anisotropic_tables_hold_what_is_lost() {
-    let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).collect();
+    let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD[..6].iter().copied()).collect();
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
         let mut random = Random::new(99 + k as u64);
         let ndf = ndf(case);
@@ -154,10 +190,13 @@ fn anisotropic_tables_hold_what_is_lost() {
                 "{case:?} {mode:?} {alpha:?}: {worst:.1e}, derivative {slope:.1e}; reached {:.1e}",
                 table.reached()
             );
-            assert!(worst < 3e-3, "{case:?} {mode:?} {alpha:?}: {worst:.1e}");
-            assert!(slope < 0.05, "{case:?} {mode:?} {alpha:?}: derivative off by {slope}");
-            assert_eq!(table.flat().len(), sgtd_core::albedo_table::ANISOTROPIC);
-            assert!(4 * table.flat().len() <= 64 * 1024);
+            assert!(worst < 1e-3, "{case:?} {mode:?} {alpha:?}: {worst:.1e}");
+            // corners move with the roughness
+            let permitted = if HARD.contains(&case) { 0.15 } else { 0.05 };
+            assert!(slope < permitted, "{case:?} {mode:?} {alpha:?}: derivative off by {slope}");
+            let (views, azimuths) = table.grid();
+            assert_eq!(table.flat().len(), PACKET * views * azimuths);
+            assert!(4 * table.flat().len() <= 150 * 1024);
         }
     });
 }

@@ -69,6 +69,14 @@ class Tables:
 
 
 @dataclass(frozen=True)
+class Losses:
+    """The table of what single scattering loses."""
+
+    bytes: int
+    error: float
+
+
+@dataclass(frozen=True)
 class Material:
     """A material of this family."""
 
@@ -89,6 +97,7 @@ class Material:
     effects: tuple[Effect, ...]
     accuracy_asked: float
     tables: Tables | None
+    losses: Losses | None
     textured: bool
     anisotropic: bool
 
@@ -160,6 +169,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
         effects=_effects(shape, values, visible, anisotropic, textured, tables),
         accuracy_asked=accuracy,
         tables=tables,
+        losses=_losses(reduced, accuracy, scale * node_scale, values, objects, builtin),
         textured=textured,
         anisotropic=anisotropic,
     )
@@ -186,6 +196,19 @@ def _tables(shape: Shape, accuracy: float, visible: bool) -> Tables:
         # tables without a user are dropped, so the next turn builds them again
         del ndf
     return Tables(tables.bytes, sorted(seconds)[_BUILDS // 2], tables.accuracy_reached, tables.steepness)
+
+
+def _losses(
+    shape: Shape, accuracy: float, scale: float, values: Mapping[str, Any], objects: frozenset[str], builtin: str
+) -> Losses | None:
+    """As the plugin makes it: for one pair of roughnesses, or for every isotropic one."""
+    if not values.get("multiple_scattering", False):
+        return None
+    ndf = _core.Ndf.get(*shape.numbers(), 1e-5 if builtin else _asked_of_core(accuracy), False)
+    pair = [max(float(values.get(key, DEFAULTS["alpha"])) * scale, 1e-4) for key in ("alpha_u", "alpha_v")
+            if key in values and key not in objects]  # fmt: skip
+    correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
+    return Losses(*(ndf.losses(correlated, *pair) if len(pair) == 2 else ndf.losses(correlated)))
 
 
 def _asked_of_core(accuracy: float) -> float:

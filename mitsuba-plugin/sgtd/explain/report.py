@@ -141,6 +141,8 @@ def _material(entry: Explained) -> dict[str, Any]:
         "build_seconds": material.tables.build_seconds if material.tables else 0.0,
         "accuracy_asked": material.accuracy_asked,
         "accuracy_reached": material.tables.accuracy_reached if material.tables else None,
+        "loss_table_bytes": material.losses.bytes if material.losses else 0,
+        "loss_error": material.losses.error if material.losses else None,
         "shares_tables_with": list(entry.shares_tables_with),
         "costs": [asdict(cost) for cost in entry.costs],
         "advice": list(entry.advice),
@@ -193,6 +195,8 @@ def _lines(entry: Explained) -> list[tuple[str, str]]:
         ]
     else:
         lines.append(("tables", "none: nothing to build"))
+    if material.losses:
+        lines.append(("losses", f"{material.losses.bytes} bytes, error of E {material.losses.error:.2g}"))
     lines.append(("cost", "\n".join(cost.words() for cost in entry.costs) or "not measured"))
     lines.append(("cheaper", "\n".join(entry.advice) or "nothing"))
     return lines
