@@ -98,6 +98,7 @@ pub const TABLE: &[Row] = &[
     total("albedo_table::AlbedoTable::isotropic", "tables_hold_what_is_lost"),
     total("albedo_table::AlbedoTable::anisotropic", "anisotropic_tables_hold_what_is_lost"),
     total("albedo_table::AlbedoTable::flat", "tables_hold_what_is_lost"),
+    total("albedo_table::AlbedoTable::grid", "tables_hold_what_is_lost"),
     total("albedo_table::AlbedoTable::coordinates", "coordinates_of_losses_span_the_table"),
     total("albedo_table::AlbedoTable::average", "averages_belong_to_their_tables"),
     total("albedo_table::AlbedoTable::reached", "tables_hold_what_is_lost"),
