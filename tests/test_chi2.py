@@ -140,7 +140,7 @@ def random_cases(count):
 
 
 @pytest.mark.parametrize("visible", [True, False])
-@pytest.mark.parametrize("shape, roughness", random_cases(3))
+@pytest.mark.parametrize("shape, roughness", list(random_cases(3)))
 def test_ten_million_facets_follow_the_density(llvm, shape, roughness, visible):
     """Draws binned by the slope and azimuth of their facets, where the density is smooth, from 0.1 to 89.9 degrees.
 

@@ -309,7 +309,7 @@ def test_json_has_every_key(explained):
         "code",
     }
     keys |= {"why", "alpha_scale", "effects", "table_bytes", "build_seconds", "accuracy_asked", "accuracy_reached"}
-    keys |= {"shares_tables_with", "costs", "advice"}
+    keys |= {"shares_tables_with", "costs", "advice", "loss_table_bytes", "loss_error"}
     for material in report["materials"]:
         assert set(material) == keys
         assert set(material["shape"]) == {"gamma", "p", "lam", "shift"}
