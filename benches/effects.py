@@ -98,9 +98,11 @@ def table_bytes(properties: dict[str, Any]) -> int:
     row = properties.get("distribution", "sgtd")
     *shape, _ = _core.shape_of_row(row, *(properties.get(name) for name in ("gamma", "p", "lambda", "shift")))
     _, *node, _, closed = _core.lowest_node(*shape)
+    ndf = _core.Ndf.get(*node, 1e-5, properties.get("sample_visible", True))
+    losses = ndf.losses(False)[0] if properties.get("multiple_scattering") else 0
     if closed or row == "beckmann" and shape[3] == 0.0:
-        return 0
-    return _core.Ndf.get(*node, 1e-5, properties.get("sample_visible", True)).table_bytes
+        return losses
+    return ndf.table_bytes + losses
 
 
 def filled(properties: dict[str, Any]) -> object:

@@ -150,7 +150,7 @@ class Ndf:
         """
         (wi,), _ = _directions(wi=wi)
         u = _vectors("u", u, 2)
-        if not np.all((u >= 0.0) & (u < 1.0)):
+        if _core.first_outside(u, 0.0, np.nextafter(1.0, 0.0)) < u.size:
             raise ValueError("u: all numbers must be in [0, 1)")
         (wi, u), shape = _together(wi=wi, u=u)
         normals, pdf = self._core.sample(*self._alpha, wi, u, bool(visible))
@@ -191,7 +191,7 @@ def _array(name: str, values: ArrayLike) -> Array:
 
 def _numbers(name: str, values: ArrayLike, low: float, high: float) -> Array:
     array = _array(name, values)
-    if not np.all((array >= low) & (array <= high)):
+    if _core.first_outside(array, low, high) < array.size:
         raise ValueError(f"{name}: all numbers must be between {low:g} and {high:g}")
     return array
 
@@ -208,11 +208,11 @@ def _directions(**named: ArrayLike) -> tuple[list[Array], tuple[int, ...]]:
     arrays = {}
     for name, values in named.items():
         array = _vectors(name, values, 3)
-        length = np.sqrt(np.sum(np.square(array), axis=-1))
-        wrong = np.flatnonzero(~(np.abs(length - 1.0) <= _UNIT_TOLERANCE))
-        if wrong.size:
-            row = f" {wrong[0]}" if array.ndim == 2 else ""
-            raise ValueError(f"{name}: direction{row} has length {np.atleast_1d(length)[wrong[0]]:g}; it must be 1")
+        wrong = _core.first_of_wrong_length(array, _UNIT_TOLERANCE)
+        if wrong < array.size // 3:
+            row = f" {wrong}" if array.ndim == 2 else ""
+            length = np.linalg.norm(np.atleast_2d(array)[wrong])
+            raise ValueError(f"{name}: direction{row} has length {length:g}; it must be 1")
         arrays[name] = array
     return _together(**arrays)
 

@@ -99,6 +99,14 @@ Node lowest_node(const Shape &shape) {
     });
 }
 
+size_t first_of_wrong_length(Slice<const double> w, double tolerance) {
+    return sgtd::first_of_wrong_length(to_core(w), tolerance);
+}
+
+size_t first_outside(Slice<const double> x, double low, double high) {
+    return sgtd::first_outside(to_core(x), low, high);
+}
+
 struct Ndf::Impl {
     rust::Box<sgtd::Ndf> core;
     Shape shape;

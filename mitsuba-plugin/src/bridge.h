@@ -95,6 +95,13 @@ RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::op
 
 Node lowest_node(const Shape &shape);
 
+/// Index of the first of the packed directions whose length differs from 1 by more than
+/// `tolerance`; their number if there is none.
+size_t first_of_wrong_length(Slice<const double> w, double tolerance);
+
+/// Index of the first number outside [low, high]; their number if there is none.
+size_t first_outside(Slice<const double> x, double low, double high);
+
 /// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).
 class Ndf {
 public:

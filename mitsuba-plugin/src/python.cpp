@@ -90,6 +90,22 @@ NB_MODULE(_core, m) {
         "(name, gamma, p, lambda, shift, alpha_scale, closed_form) of the node at which a shape "
         "runs.");
 
+    m.def(
+        "first_of_wrong_length",
+        [](const Array &w, double tolerance) {
+            nb::gil_scoped_release unlocked;
+            return sgtd::host::first_of_wrong_length(in(w), tolerance);
+        },
+        "w"_a, "tolerance"_a,
+        "Index of the first row of w whose length differs from 1 by more than the tolerance.");
+    m.def(
+        "first_outside",
+        [](const Array &x, double low, double high) {
+            nb::gil_scoped_release unlocked;
+            return sgtd::host::first_outside(in(x), low, high);
+        },
+        "x"_a, "low"_a, "high"_a, "Index of the first number of x that is not in [low, high].");
+
     nb::class_<Ndf>(m, "Ndf", "A validated shape with its tables.")
         .def_static(
             "get",

@@ -150,6 +150,9 @@ mod ffi {
         fn sf_batch(self: &Ndf, x: &[f64], out: &mut [f64]) -> Result<()>;
         fn quantile_batch(self: &Ndf, u: &[f64], out: &mut [f64]) -> Result<()>;
         fn isf_batch(self: &Ndf, u: &[f64], out: &mut [f64]) -> Result<()>;
+
+        fn first_of_wrong_length(w: &[f64], tolerance: f64) -> usize;
+        fn first_outside(x: &[f64], low: f64, high: f64) -> usize;
     }
 }
 
@@ -239,6 +242,22 @@ impl AlbedoTable {
     fn flat(&self) -> &[f32] {
         self.0.flat()
     }
+}
+
+/// Index of the first direction whose length differs from 1 by more than `tolerance` or is not a number; their number if
+/// there is none.
+fn first_of_wrong_length(w: &[f64], tolerance: f64) -> usize {
+    first_where(w.par_chunks_exact(3), |w| !((direction(w).length() - 1.0).abs() <= tolerance))
+}
+
+/// Index of the first number that is not in [low, high]; their number if there is none.
+fn first_outside(x: &[f64], low: f64, high: f64) -> usize {
+    first_where(x.par_iter(), |&x| !(low..=high).contains(&x))
+}
+
+fn first_where<I: IndexedParallelIterator>(items: I, wrong: impl Fn(I::Item) -> bool + Send + Sync) -> usize {
+    let count = items.len();
+    items.with_min_len(CHUNK).position_first(wrong).unwrap_or(count)
 }
 
 /// Directions per task: large enough that the queue costs nothing, small enough to balance two cores.
