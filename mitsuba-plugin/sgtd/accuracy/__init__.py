@@ -1,6 +1,6 @@
 """``sgtd accuracy``: what accuracy costs in time.
 
-The dial ``accuracy`` is swept from 1e-1 to 1e-10 and 0 (quadrature on every call), and its errors and times are
+The dial ``accuracy`` is swept from 1e-1 to 1e-10 and 0 (quadrature or a closed form on every call), and its errors and times are
 measured twice: for the functions over arrays, and for images. How each number comes about is in ``docs/accuracy.md``.
 
 =================  =============================================================================

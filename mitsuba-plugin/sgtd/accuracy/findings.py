@@ -24,7 +24,7 @@ def _cost(study: Study) -> list[str]:
     ratios = [slow / fast for slow, fast in zip(quadrature, defaults)]
     words = [
         (
-            f"A look-up of the table takes {_range(medians)} ns on one core over all settings and shapes, and quadrature on every call "
+            f"A look-up of the table takes {_range(medians)} ns on one core over all settings and shapes, and accuracy 0 (a closed form for Student's shapes, quadrature for others) "
             f"{_range(ratios, 2)} times as long as a look-up at {setting_text(DEFAULT_SETTING)}."
         )
     ]
@@ -164,7 +164,7 @@ def about_reference(study: Study) -> str:
                 found.append(f"{functions.shape.title}: {errors.g1.largest:.0e}")
     if not found:
         return "None of these shapes has a closed form for masking against which quadrature could be checked here."
-    return f"Quadrature against closed forms, worst relative difference of G1: {'; '.join(found)}. So the reference can be trusted."
+    return f"Accuracy 0 against published closed forms, worst relative difference of G1: {'; '.join(found)}. So the reference can be trusted."
 
 
 def about_precision(study: Study) -> str:

@@ -86,7 +86,7 @@ def functions_panel(axes: Any, study: Study, functions: FunctionStudy) -> None:
     axes.axvspan(reference.low, reference.high, color=GREEN, alpha=0.15, linewidth=0)
     axes.axvline(reference.median, color=GREEN, linewidth=1.2, linestyle=":")
     over = {"transform": axes.get_xaxis_transform(), "fontsize": SMALL, "color": GREEN}
-    axes.text(reference.low, 0.99, "adaptive quadrature, \nthe reference ", ha="right", va="top", **over)
+    axes.text(reference.low, 0.99, "accuracy 0, \nthe reference ", ha="right", va="top", **over)
     axes.text(
         0.03,
         0.03,
