@@ -205,6 +205,12 @@ def test_shift_and_mu_replace_each_other(tmp_path):
     assert both == [{"mu": 0.3, "shift": 2.0}]  # the plugin refuses this: it was asked for twice
 
 
+def test_a_distribution_replaces_the_whole_shape(tmp_path):
+    body = '<bsdf type="sgtdconductor"><float name="lambda" value="0.3"/><float name="mu" value="0.1"/></bsdf>'
+    pair = pair_of(tmp_path, body, "distribution=gtd", "gamma=3")
+    assert properties(pair.right, "sgtdconductor") == [{"distribution": "gtd", "gamma": 3.0}]
+
+
 def test_parameters_includes_and_old_versions(tmp_path):
     (tmp_path / "materials.xml").write_text(
         '<scene version="0.6.0"><bsdf type="roughconductor" id="included"><float name="alphaU" value="0.1"/>'

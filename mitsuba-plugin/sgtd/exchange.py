@@ -171,7 +171,14 @@ def _to_rough(props: Any) -> None:
 
 
 def _apply(props: Any, settings: Settings) -> None:
-    """Sets the properties; of ``shift`` and ``mu``, two ways to say the same, the last word counts."""
+    """Sets the properties; of ``shift`` and ``mu``, two ways to say the same, the last word counts.
+
+    A distribution is a whole shape: parameters that belonged to the one before go with it.
+    """
+    if "distribution" in settings:
+        for name in _NUMBERS:
+            if name in props and name not in settings:
+                del props[name]
     for name, value in settings.items():
         props[name] = value
         other = {"shift": "mu", "mu": "shift"}.get(name)
