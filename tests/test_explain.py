@@ -326,3 +326,12 @@ def test_losses_are_told(explain, explained):
     assert none["loss_table_bytes"] == 0 and none["loss_error"] is None
     _, out, _ = explain(body, "--repetitions", "0")
     assert out.count("error of E") == 2
+
+
+def test_multiple_scattering_of_a_smooth_material_is_questioned(explained):
+    flag = '<boolean name="multiple_scattering" value="true"/>'
+    smooth, rough = explained(ours("a", flag, gamma=1.8, alpha=0.05) + ours("b", flag, gamma=1.8, alpha=0.5))[
+        "materials"
+    ]
+    assert any("multiple_scattering = false" in advice for advice in smooth["advice"])
+    assert not any("multiple_scattering = false" in advice for advice in rough["advice"])
