@@ -134,7 +134,7 @@ def test_closed_forms_agree_with_definition(a):
 
 
 def test_order_of_the_ways(numbers):
-    """Finer settings have smaller errors; the published fit stands where its authors say; quadrature is slowest."""
+    """Finer settings have smaller errors; the published fit stands where its authors say."""
     rows = lambda_rows(numbers)
     errors = [max(rows[k]["worst_random"], rows[k]["worst_hard"]) for k in QUICK_SETTINGS[:-1]]
     assert errors == sorted(errors, reverse=True)
@@ -142,7 +142,6 @@ def test_order_of_the_ways(numbers):
     assert 3e-3 < rows["fit of 2017"]["worst_hard"] < 8e-3
     assert rows["closed form, incomplete beta"]["worst_hard"] < 1e-13
     assert rows["Gauss-Legendre, 64 nodes"]["worst_hard"] < rows["Gauss-Legendre, 16 nodes"]["worst_hard"]
-    assert rows[0.0]["ns_one_core"] > 10 * rows[1e-5]["ns_one_core"]
     for row in rows.values():
         assert row["ns_one_core_low"] <= row["ns_one_core"] <= row["ns_one_core_high"]
 
