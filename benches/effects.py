@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from render import interleaved, timed
+from render import has_llvm
 from rich.progress import Progress
+from sgtd.turns import ratios, render_clock
 
 TABLES = {"gamma": 1.9}
 RING = {"gamma": 1.9, "shift": 0.4}
@@ -195,18 +196,11 @@ def main(repetitions: int) -> None:
     """Prints the table of effects."""
     import mitsuba as mi
     import numpy as np
-
-    try:
-        mi.set_variant("llvm_ad_rgb")
-        import drjit as dr
-
-        dr.eval(dr.arange(mi.Float, 2))
-        jit = True
-    except Exception as error:  # whatever Dr.Jit throws without LLVM
-        print(f"LLVM variants are left out: {error}")
-        jit = False
     import sgtd  # noqa: F401 - registers the plugin
 
+    jit = has_llvm()
+    if jit:
+        mi.set_variant("llvm_ad_rgb")
     sides = [side for _, off, on in EFFECTS for side in (off, on)]
     counted = instructions(sides)
     if isinstance(counted, str):
@@ -234,11 +228,11 @@ def main(repetitions: int) -> None:
                 (a, hash_a), (b, hash_b) = kernels(off), kernels(on)
                 cells = [f"{x} -> {y}" for x, y in zip(a, b)] + [str(code_paths(off, on))]
                 remark = "the same kernels, to the last bit" if hash_a == hash_b else ""
-                ratios = interleaved(timed(filled(on), 64), timed(filled(off), 64), repetitions)
-                seconds["llvm"] = np.quantile(ratios, [0.5, 0.25, 0.75])
+                found = ratios(render_clock(filled(on), 64), render_clock(filled(off), 64), repetitions)
+                seconds["llvm"] = np.quantile(found, [0.5, 0.25, 0.75])
             mi.set_variant("scalar_rgb")
-            ratios = interleaved(timed(filled(on), 8), timed(filled(off), 8), repetitions)
-            seconds["scalar"] = np.quantile(ratios, [0.5, 0.25, 0.75])
+            found = ratios(render_clock(filled(on), 8), render_clock(filled(off), 8), repetitions)
+            seconds["scalar"] = np.quantile(found, [0.5, 0.25, 0.75])
             cells += [
                 f"{counted[2 * k]:.0f} -> {counted[2 * k + 1]:.0f}",
                 f"{table_bytes(off)} -> {table_bytes(on)}",

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from render import interleaved, timed
 from rich.progress import Progress
+from sgtd.turns import ratios, render_clock
 
 SIZE = 192
 ROW = 3
@@ -160,7 +160,7 @@ def main(output: Path, repetitions: int) -> None:
         task = progress.add_task("gallery", total=len(EFFECTS))
         for k, effect in enumerate(EFFECTS):
             pair = [scene(effect.off), scene(effect.on)]
-            costs = interleaved(timed(pair[1], 32), timed(pair[0], 32), repetitions)
+            costs = ratios(render_clock(pair[1], 32), render_clock(pair[0], 32), repetitions)
             spp = 8 if "8 samples" in effect.name else 512
             for side, (one, caption) in enumerate(zip(pair, effect.captions)):
                 left, bottom = (k % ROW + 0.02 + 0.475 * side) / ROW, 1 - (k // ROW + 0.83) / rows

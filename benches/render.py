@@ -9,13 +9,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 import numpy as np
 from rich.progress import Progress
+from sgtd.turns import ratios, render_clock
+from sgtd.variants import probe
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "spheres.xml"
 FULL = {"distribution": "sgtd", "gamma": 2.7, "p": 1.3, "lambda": 0.3, "shift": 0.4}
@@ -35,34 +35,6 @@ class Row:
     def text(self, value: str) -> None:
         what, against, target = self.head
         print(f"{what:<58} {against:<28} {value:<28} target {target}", flush=True)
-
-
-def interleaved(left: Callable[[int], float], right: Callable[[int], float], repetitions: int) -> list[float]:
-    """Ratios left/right of seconds, the order changing from pair to pair."""
-    left(0), right(0)  # compiles
-    ratios = []
-    for seed in range(1, repetitions + 1):
-        if seed % 2:
-            a, b = left(seed), right(seed)
-        else:
-            b, a = right(seed), left(seed)
-        ratios.append(a / b)
-    return ratios
-
-
-def timed(scene: object, spp: int) -> Callable[[int], float]:
-    """Seconds of one render, image in memory included."""
-    import drjit as dr
-    import mitsuba as mi
-
-    def run(seed: int) -> float:
-        start = time.perf_counter()
-        image = mi.render(scene, spp=spp, seed=seed)
-        dr.eval(image)
-        dr.sync_thread()
-        return time.perf_counter() - start
-
-    return run
 
 
 def scenes(settings: dict, distribution: str) -> tuple[object, object]:
@@ -153,22 +125,25 @@ def batch_seconds(threads: int, count: int) -> float:
     return float(done.stdout.split()[-1])
 
 
+def has_llvm() -> bool:
+    """Does llvm_ad_rgb run here? If not, says why."""
+    found = probe("llvm_ad_rgb")
+    if not found.usable:
+        print(f"LLVM variants are left out: {found.reason}")
+    return found.usable
+
+
 @click.command()
 @click.option("--repetitions", default=15, show_default=True, help="Pairs of renders per row.")
 def main(repetitions: int) -> None:
     """Prints the table of ratios."""
+    import drjit as dr
     import mitsuba as mi
-
-    try:
-        mi.set_variant("llvm_ad_rgb")
-        import drjit as dr
-
-        dr.eval(dr.arange(mi.Float, 2))
-        variants = [("scalar_rgb", 4), ("llvm_ad_rgb", 32)]
-    except Exception as error:  # whatever Dr.Jit throws without LLVM
-        print(f"LLVM variants are left out: {error}")
-        variants = [("scalar_rgb", 4)]
     import sgtd  # noqa: F401 - registers the plugin
+
+    variants = [("scalar_rgb", 4)]
+    if has_llvm():
+        variants.append(("llvm_ad_rgb", 32))
 
     with Progress(transient=True) as progress:
         task = progress.add_task("render benches", total=3 * len(variants) + 5)
@@ -179,26 +154,26 @@ def main(repetitions: int) -> None:
         for variant, spp in variants:
             mi.set_variant(variant)
             ours, theirs = scenes(FULL, "ggx")
-            ratios = interleaved(timed(ours, spp), timed(theirs, spp), repetitions)
-            Row(f"render, {variant}, full SGTD", "roughconductor ggx", "<= 1.10").print(ratios)
+            found = ratios(render_clock(ours, spp), render_clock(theirs, spp), repetitions)
+            Row(f"render, {variant}, full SGTD", "roughconductor ggx", "<= 1.10").print(found)
             step()
             for distribution in ("ggx", "beckmann"):
                 ours, theirs = scenes({}, distribution)
                 left, right = (np.array(mi.render(scene, spp=4, seed=3)) for scene in (ours, theirs))
                 apart = np.abs(left - right).max() / right.max()
-                ratios = interleaved(timed(ours, spp), timed(theirs, spp), repetitions)
+                found = ratios(render_clock(ours, spp), render_clock(theirs, spp), repetitions)
                 Row(f"render, {variant}, {distribution}, pixels within {apart:.0e}", "roughconductor", "<= 1.01").print(
-                    ratios
+                    found
                 )
                 step()
         if len(variants) > 1:
             one, hundred = many_materials(1), many_materials(100)
-            ratios = interleaved(timed(hundred, 16), timed(one, 16), repetitions)
+            found = ratios(render_clock(hundred, 16), render_clock(one, 16), repetitions)
             with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
                 dr.kernel_history_clear()
                 dr.eval(mi.render(hundred, spp=16, seed=5))
                 kernels = sum(1 for k in dr.kernel_history([dr.KernelType.JIT]))
-            Row(f"render, 100 SGTD materials, {kernels} kernels", "1 material", "<= 1.05, 2 kernels").print(ratios)
+            Row(f"render, 100 SGTD materials, {kernels} kernels", "1 material", "<= 1.05, 2 kernels").print(found)
             step()
             visible, projected = weights(True, 2**21, 80), weights(False, 2**21, 80)
             Row("variance at 80 degrees, D cos sampling", "visible sampling", ">= 5").text(
@@ -209,8 +184,8 @@ def main(repetitions: int) -> None:
             Row("peak memory of a render", "roughconductor", "<= 1.02").print(memory)
             step()
         count = 10**7
-        ratios = [batch_seconds(1, count) / batch_seconds(2, count) for _ in range(5)]
-        Row("Ndf.sample, batch of 1e7, one core", "two cores", ">= 1.9").print(ratios)
+        found = [batch_seconds(1, count) / batch_seconds(2, count) for _ in range(5)]
+        Row("Ndf.sample, batch of 1e7, one core", "two cores", ">= 1.9").print(found)
         step()
 
 

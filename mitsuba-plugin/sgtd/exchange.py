@@ -28,12 +28,12 @@ from .scene_graph import SceneGraph
 
 # Mitsuba's plugins, and what each is exchanged for.
 PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}
-_ORIGINALS = {right: left for left, right in PARTNERS.items()}
+ORIGINALS = {right: left for left, right in PARTNERS.items()}
 
 # The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
-_NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
+NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
 _WORDS = ("distribution", "masking")
-SETTINGS = _WORDS + _NUMBERS
+SETTINGS = _WORDS + NUMBERS
 
 # Those that leave a fixed row of the family: a scene's own GGX or Beckmann cannot have them.
 _TAIL_AND_BODY = ("gamma", "p", "lambda")
@@ -104,7 +104,7 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
     # Collected before anything changes: a node turned into the other plugin must not be met a second time.
     pairs = [
         nodes
-        for plugin in (*PARTNERS, *_ORIGINALS)
+        for plugin in (*PARTNERS, *ORIGINALS)
         for nodes in zip(list(left.materials(plugin)), list(right.materials(plugin)))
     ]
     pairs.sort(key=lambda pair: (pair[0].file_index, pair[0].offset))
@@ -117,7 +117,7 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
             _apply(right_node.props, settings)
         exchanges.append(Exchange(graph.place(left_node), describe(left_node.props), describe(right_node.props)))
     if not exchanges:
-        names = ", ".join((*PARTNERS, *_ORIGINALS))
+        names = ", ".join((*PARTNERS, *ORIGINALS))
         raise UserError(f"{graph.path} has none of {names}: there is nothing to exchange")
     return Pair(left, right, tuple(exchanges))
 
@@ -127,7 +127,7 @@ def describe(props: Any) -> str:
     plugin = props.plugin_name()
     default = "beckmann" if plugin in PARTNERS else "sgtd"
     parts = [plugin, str(props["distribution"]) if "distribution" in props else default]
-    parts += [f"{name} = {_text(props[name])}" for name in _NUMBERS if name in props]
+    parts += [f"{name} = {_text(props[name])}" for name in NUMBERS if name in props]
     if "masking" in props:
         parts.append(f"{props['masking']} masking")
     return ", ".join(parts)
@@ -163,8 +163,8 @@ def _to_rough(props: Any) -> None:
     gamma = props["gamma"] if "gamma" in props else _GAMMA["ggx"]
     if not isinstance(gamma, (int, float)):
         gamma = _GAMMA["ggx"]  # the right side will say what is wrong with it
-    props.set_plugin_name(_ORIGINALS[props.plugin_name()])
-    for name in (*_NUMBERS, "masking"):
+    props.set_plugin_name(ORIGINALS[props.plugin_name()])
+    for name in (*NUMBERS, "masking"):
         if name in props:
             del props[name]
     props["distribution"] = nearest_distribution(row, gamma)
@@ -176,7 +176,7 @@ def _apply(props: Any, settings: Settings) -> None:
     A distribution is a whole shape: parameters that belonged to the one before go with it.
     """
     if "distribution" in settings:
-        for name in _NUMBERS:
+        for name in NUMBERS:
             if name in props and name not in settings:
                 del props[name]
     for name, value in settings.items():

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .material import FAMILY, Material
+from ..exchange import ORIGINALS
+from ..turns import Clock, ratios, render_clock
+from .material import Material
 
 _LANES = 1 << 18
 
@@ -47,7 +47,7 @@ def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
     """Times a stand-in with the material's shape, masking and kind of roughness against GGX in the built-in plugin."""
     import mitsuba as mi
 
-    theirs_plugin = FAMILY[material.plugin]
+    theirs_plugin = ORIGINALS[material.plugin]
     common = {
         name: _texture() if name in material.objects else material.properties[name]
         for name in _COMMON
@@ -61,23 +61,11 @@ def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
         clocks.insert(0, (_kernel_seconds, f"eval_pdf and sample of {_LANES} directions alone"))
     costs = []
     for clock, what in clocks:
-        low, middle, high = _ratios(clock(ours), clock(theirs), repetitions)
+        quartiles = np.quantile(ratios(clock(ours), clock(theirs), repetitions), [0.25, 0.5, 0.75])
+        low, middle, high = (float(x) for x in quartiles)
         how = f"{what}, measured in {mi.variant()}, {repetitions} pairs"
         costs.append(Cost(middle, low, high, f"{theirs_plugin} ggx", how))
     return tuple(costs)
-
-
-def _ratios(ours: Callable[[int], float], theirs: Callable[[int], float], repetitions: int) -> tuple[float, ...]:
-    """Quartiles of the ratio of pairs whose order changes."""
-    ours(0), theirs(0)  # compiles
-    ratios = []
-    for turn in range(1, repetitions + 1):
-        if turn % 2:
-            a, b = ours(turn), theirs(turn)
-        else:
-            b, a = theirs(turn), ours(turn)
-        ratios.append(a / b)
-    return tuple(float(x) for x in np.quantile(ratios, [0.25, 0.5, 0.75]))
 
 
 def count_code_paths(scene: Any) -> int | None:
@@ -134,7 +122,7 @@ def _texture() -> dict[str, Any]:
     return {"type": "bitmap", "bitmap": mi.Bitmap(pixels), "raw": True}
 
 
-def _kernel_seconds(description: dict[str, Any]) -> Callable[[int], float]:
+def _kernel_seconds(description: dict[str, Any]) -> Clock:
     import drjit as dr
     import mitsuba as mi
 
@@ -161,8 +149,7 @@ def _kernel_seconds(description: dict[str, Any]) -> Callable[[int], float]:
     return run
 
 
-def _render_seconds(description: dict[str, Any]) -> Callable[[int], float]:
-    import drjit as dr
+def _render_seconds(description: dict[str, Any]) -> Clock:
     import mitsuba as mi
 
     scene = mi.load_dict(
@@ -178,13 +165,4 @@ def _render_seconds(description: dict[str, Any]) -> Callable[[int], float]:
             "shape": {"type": "rectangle", "bsdf": description},
         }
     )
-
-    def run(turn: int) -> float:
-        start = time.perf_counter()
-        image = mi.render(scene, spp=_SPP[_is_jit()], seed=turn)
-        if _is_jit():
-            dr.eval(image)
-            dr.sync_thread()
-        return time.perf_counter() - start
-
-    return run
+    return render_clock(scene, _SPP[_is_jit()])

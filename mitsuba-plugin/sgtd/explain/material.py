@@ -13,10 +13,8 @@ from typing import Any
 
 from .. import _core
 from ..errors import UserError
+from ..exchange import NUMBERS
 from ..scene_graph import SceneGraph
-
-# Plugins of this family, and the built-in that each stands in for.
-FAMILY = {"sgtdconductor": "roughconductor", "sgtddielectric": "roughdielectric"}
 
 # Values that properties have when they are left out.
 DEFAULTS: Mapping[str, Any] = {
@@ -26,8 +24,6 @@ DEFAULTS: Mapping[str, Any] = {
     "sample_visible": True,
     "accuracy": 1e-5,
 }
-
-_NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
 
 # A table is built so often; the median is told.
 _BUILDS = 3
@@ -132,7 +128,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     place = graph.place(node)
     values = {name: props[name] for name in props.keys()}
     row = str(values.get("distribution", DEFAULTS["distribution"])).lower()
-    given = {name: float(values[name]) for name in _NUMBERS if name in values}
+    given = {name: float(values[name]) for name in NUMBERS if name in values}
     try:
         shape, scale = _resolve(row, given, values)
     except (TypeError, ValueError) as error:

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..exchange import ORIGINALS
 from ..scene_graph import SceneGraph
 from .advice import advise, advise_scene
 from .cost import Cost, count_code_paths, measure_costs
-from .material import FAMILY, Material, explain_material
+from .material import Material, explain_material
 
 # Gets the name of a step and its length, and returns the call that advances it.
 Steps = Callable[[str, int], Callable[[int], None]]
@@ -26,7 +27,7 @@ class Other:
 
     @property
     def exchangeable(self) -> bool:
-        return self.plugin in FAMILY.values()
+        return self.plugin in ORIGINALS.values()
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def explain(graph: SceneGraph, repetitions: int, steps: Steps) -> Explanation:
     del scene
 
     found = list(graph.bsdfs())
-    ours = [(node, holders) for node, holders in found if node.props.plugin_name() in FAMILY]
+    ours = [(node, holders) for node, holders in found if node.props.plugin_name() in ORIGINALS]
     advance = steps("reading", len(ours))
     materials = []
     for node, holders in ours:
@@ -71,7 +72,7 @@ def explain(graph: SceneGraph, repetitions: int, steps: Steps) -> Explanation:
     others = tuple(
         Other(str(node.props.id()) or "unnamed", node.props.plugin_name(), graph.place(node))
         for node, _ in found
-        if node.props.plugin_name() not in FAMILY
+        if node.props.plugin_name() not in ORIGINALS
     )
 
     scalar = mi.variant().startswith("scalar_")
@@ -214,12 +215,12 @@ def _scene_lines(explanation: Explanation) -> list[str]:
     if count == 0 and not explanation.others:
         lines.append(f"{name} has no materials: there is nothing to explain.")
     elif count == 0:
-        lines.append(f"{name} has no material of this family ({', '.join(FAMILY)}).")
+        lines.append(f"{name} has no material of this family ({', '.join(ORIGINALS)}).")
     else:
         lines.append(f"{name}: {count} of this family, {explanation.table_bytes} bytes of tables in all.")
     exchangeable = [other for other in explanation.others if other.exchangeable]
     for other in exchangeable:
-        ours = next(ours for ours, theirs in FAMILY.items() if theirs == other.plugin)
+        ours = next(ours for ours, theirs in ORIGINALS.items() if theirs == other.plugin)
         lines.append(
             f"  {other.id}: {other.plugin}, {other.place}, could be exchanged for {ours}: the same code at first"
         )
