@@ -37,8 +37,10 @@ public:
 
     SgtdDistribution(const sgtd::host::Ndf &ndf, const Tables &tables, const Float &alpha_u,
                      const Float &alpha_v, bool sample_visible)
-        : m_ndf(ndf), m_tables(tables), m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, 1e-4f)),
+        : m_ndf(ndf), m_tables(tables), m_given_u(alpha_u), m_given_v(alpha_v),
+          m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, 1e-4f)),
           m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, 1e-4f)),
+          m_inv_alpha_u(dr::rcp(m_alpha_u)), m_inv_alpha_v(dr::rcp(m_alpha_v)),
           m_sample_visible(sample_visible) {}
 
     /**
@@ -53,25 +55,17 @@ public:
         Float d, z;
         if constexpr (!dr::is_jit_v<Float>) {
             sgtd::host::Vec3 h = to_core(wi), w = to_core(wo);
-            double square = 0.0;
-            for (size_t i = 0; i < 3; ++i) {
+            for (size_t i = 0; i < 3; ++i)
                 h[i] += w[i];
-                square += h[i] * h[i];
-            }
-            double inv_length = 1.0 / std::sqrt(square);
-            for (double &component : h)
-                component *= inv_length;
+            h = unit(h);
             d = (Float)std::min(m_ndf.d(m_alpha_u, m_alpha_v, h), (double)GreatestD);
             z = (Float)h[2];
         } else {
-            // Unnormalized: each rounding of a slope counts
-            Vector3f h  = wi + wo;
-            Float inv_h = dr::rcp(dr::maximum(h.z(), LeastCos));
-            Float root  = m_tables.steep ? steep_sqrt_f(wi, wo)
-                                         : m_tables.profile.sqrt_f(slope_square(h, inv_h));
-            z           = h.z() * dr::rsqrt(dr::squared_norm(h));
-            d           = dr::minimum(density(root, dr::square(dr::rcp(dr::maximum(z, LeastCos)))),
-                                      GreatestD);
+            Facet facet(*this, wi + wo);
+            Float root =
+                m_tables.steep ? steep_sqrt_f(wi, wo) : m_tables.profile.sqrt_f(facet.square());
+            z = facet.cos;
+            d = dr::minimum(density(root, dr::square(facet.sec)), GreatestD);
         }
         return dr::select(d * z > 1e-20f, d, 0.f);
     }
@@ -84,11 +78,10 @@ public:
      */
     Float facing_area(const Vector3f &v) const {
         if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)(v.z() * (1.0 + m_ndf.lambda(m_alpha_u, m_alpha_v, to_core(v))));
+            return (Float)m_ndf.facing_area(m_alpha_u, m_alpha_v, to_core(v));
         } else {
-            Float r = dr::sqrt(
-                dr::maximum(dr::square(m_alpha_u * v.x()) + dr::square(m_alpha_v * v.y()), 1e-20f));
-            return dr::fmadd(r, masked_slope(v.z() / r), v.z());
+            View view(stretch(v));
+            return dr::fmadd(view.s, masked_slope(view.c * view.inv_s), view.c);
         }
     }
 
@@ -100,36 +93,34 @@ public:
     /// Masking and shadowing of the facet `m`, independent of each other or correlated by height.
     Float G(const Vector3f &wi, const Vector3f &wo, const Vector3f &m,
             bool height_correlated) const {
-        Float area_i = facing_area(wi), area_o = facing_area(wo);
-        Float result = height_correlated
-                           ? wi.z() * wo.z() / dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
-                           : (wi.z() / area_i) * (wo.z() / area_o);
-        return dr::select(faces(wi, m) && faces(wo, m), result, 0.f);
+        Float area_i = facing_area(wi), area_o = facing_area(wo),
+              area = height_correlated ? dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
+                                       : area_i * area_o;
+        return dr::select(faces(wi, m) && faces(wo, m), wi.z() * wo.z() / area, 0.f);
     }
 
-    /// Density of the normals that `sample` draws, per solid angle.
+    /// Density of the normals that `sample` draws, per solid angle; `m` may have any length.
     Float pdf(const Vector3f &wi, const Vector3f &m) const {
         if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), to_core(m),
+            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), unit(to_core(m)),
                                     m_sample_visible);
         } else {
-            Float inv_z = dr::rcp(dr::maximum(m.z(), LeastCos)), y = slope_square(m, inv_z),
-                  azimuthal;
+            Facet facet(*this, m);
+            Float y = facet.square(), azimuthal;
             Row row;
             if (m_sample_visible) {
                 View view(stretch(wi));
                 row = row_of(view);
                 Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
                 Vector3f w   = view.w;
-                Float facing = dr::fmadd(w.x(), m.x() * inv_z / m_alpha_u,
-                                         dr::fmadd(w.y(), m.y() * inv_z / m_alpha_v, w.z()));
+                Float facing = dr::fmadd(w.x(), facet.x, dr::fmadd(w.y(), facet.y, w.z()));
                 azimuthal    = dr::maximum(facing, 0.f) * azimuth.inv_sum / azimuth.mass;
             } else {
                 row       = normal_row();
                 azimuthal = dr::InvPi<Float>;
             }
             Float stretched = radial_pdf(row, y) * azimuthal;
-            return dr::select(stretched > 0.f, stretched * solid_angle(inv_z), 0.f);
+            return dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
         }
     }
 
@@ -161,15 +152,16 @@ public:
 
             Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
             Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
-            Float inv_z = dr::norm(m), stretched = radial * azimuthal,
-                  root = m_tables.profile.sqrt_f(y), d = density(root, dr::square(inv_z));
-            m *= dr::rcp(inv_z);
-            Mask valid = stretched > 1e-36f && d > 1e-20f * inv_z;
+            Float square = dr::squared_norm(m), cos = dr::rsqrt(square), sec = square * cos,
+                  stretched = radial * azimuthal, root = m_tables.profile.sqrt_f(y),
+                  d = density(root, square);
+            m *= cos;
+            Mask valid = stretched > 1e-36f && d > 1e-20f * sec;
             // f / stretched: inside a ring both are so small that the derivative, which has the
             // square of the divisor in it, would overflow
             Float ratio = dr::square(root / dr::sqrt(dr::maximum(stretched, 1e-36f)));
-            return { Normal3f(m), dr::select(valid, stretched * solid_angle(inv_z), 0.f),
-                     dr::select(valid, m_tables.factor * ratio * inv_z, 0.f) };
+            return { Normal3f(m), dr::select(valid, stretched * solid_angle(sec), 0.f),
+                     dr::select(valid, m_tables.factor * ratio * sec, 0.f) };
         }
     }
 
@@ -183,6 +175,11 @@ private:
         return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
     }
 
+    static sgtd::host::Vec3 unit(const sgtd::host::Vec3 &v) {
+        double inv_length = 1.0 / std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        return { v[0] * inv_length, v[1] * inv_length, v[2] * inv_length };
+    }
+
     /// Are `v` and the normal of the surface on the same side of the facet `m`?
     static Mask faces(const Vector3f &v, const Vector3f &m) {
         return dr::dot(v, m) * Frame3f::cos_theta(v) > 0.f;
@@ -192,28 +189,44 @@ private:
     //  Normal distribution
     // ------------------------------------------------------------------
 
-    /// rho squared
-    Float slope_square(const Vector3f &m, const Float &inv_z) const {
-        return dr::square(m.x() * inv_z / m_alpha_u) + dr::square(m.y() * inv_z / m_alpha_v);
-    }
+    /// The facet along a vector of any length: the slope is rounded less than if it had length 1.
+    struct Facet {
+        /// Stretched slope; cosine to the normal of the surface, and its inverse
+        Float x, y, cos, sec;
+
+        Facet(const SgtdDistribution &distr, const Vector3f &h) {
+            Float inv_h = dr::rcp(dr::maximum(h.z(), LeastCos)), square = dr::squared_norm(h),
+                  inv_length = dr::rsqrt(square);
+            x                = h.x() * inv_h * distr.m_inv_alpha_u;
+            y                = h.y() * inv_h * distr.m_inv_alpha_v;
+            cos              = h.z() * inv_length;
+            sec              = square * inv_length * inv_h;
+        }
+
+        /// rho squared
+        Float square() const { return dr::fmadd(x, x, dr::square(y)); }
+    };
 
     /// The square root of f at the half vector of two directions, in double precision.
     Float steep_sqrt_f(const Vector3f &wi, const Vector3f &wo) const {
         using Double = typename Tables::Double;
+        auto alpha   = [&](const Float &given) {
+            return dr::maximum(Double(given) * m_tables.precise_scale, 1e-4);
+        };
         Double inv_z = dr::rcp(dr::maximum(Double(wi.z()) + Double(wo.z()), (double)LeastCos)),
-               x     = (Double(wi.x()) + Double(wo.x())) * inv_z / Double(m_alpha_u),
-               y     = (Double(wi.y()) + Double(wo.y())) * inv_z / Double(m_alpha_v);
+               x     = (Double(wi.x()) + Double(wo.x())) * inv_z / alpha(m_given_u),
+               y     = (Double(wi.y()) + Double(wo.y())) * inv_z / alpha(m_given_v);
         return Float(m_tables.precise.sqrt_f(dr::fmadd(x, x, dr::square(y))));
     }
 
     /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
-    Float solid_angle(const Float &inv_z) const {
-        return inv_z * dr::square(inv_z) / (m_alpha_u * m_alpha_v);
+    Float solid_angle(const Float &sec) const {
+        return sec * dr::square(sec) * (m_inv_alpha_u * m_inv_alpha_v);
     }
 
     /// A f / (pi alpha_u alpha_v cos^4), squared at the end: f may underflow, 1/cos^4 overflow.
-    Float density(const Float &sqrt_f, const Float &inv_z2) const {
-        return m_tables.factor / (m_alpha_u * m_alpha_v) * dr::square(sqrt_f * inv_z2);
+    Float density(const Float &sqrt_f, const Float &sec2) const {
+        return m_tables.factor * (m_inv_alpha_u * m_inv_alpha_v) * dr::square(sqrt_f * sec2);
     }
 
     // ------------------------------------------------------------------
@@ -247,13 +260,14 @@ private:
     /// A stretched direction.
     struct View {
         Vector3f w;
-        Float c, s, sin_phi, cos_phi;
+        Float c, s, inv_s, sin_phi, cos_phi;
 
         explicit View(const Vector3f &w_) : w(w_), c(w_.z()) {
-            Float s2    = dr::square(w.x()) + dr::square(w.y());
+            Float s2    = dr::fmadd(w.x(), w.x(), dr::square(w.y()));
             Mask tilted = s2 > 1e-20f;
-            s           = dr::sqrt(dr::maximum(s2, 1e-20f));
-            Float inv_s = dr::rcp(s);
+            s2          = dr::maximum(s2, 1e-20f);
+            inv_s       = dr::rsqrt(s2);
+            s           = s2 * inv_s;
             sin_phi     = dr::select(tilted, w.y() * inv_s, 0.f);
             cos_phi     = dr::select(tilted, w.x() * inv_s, 1.f);
         }
@@ -298,77 +312,93 @@ private:
     /// Block `k` of the knots; 0 is every eighth knot.
     Block knot_block(const UInt32 &k) const { return dr::gather<Block>(m_tables.visible, k); }
 
-    /// Block `k` of the masses C above the knots; 0 is that of every eighth knot.
+    /// Block `k` of the masses above the knots; 0 is that of every eighth knot.
     Block mass_block(const Row &row, const UInt32 &k) const {
-        constexpr uint32_t First = Tables::List / Tables::Block,
-                           Next  = Tables::RowSize / Tables::Block;
-        UInt32 index             = row.index * Next + k + First;
-        Block first              = dr::gather<Block>(m_tables.visible, index);
+        constexpr uint32_t Next = Tables::RowSize / Tables::Block;
+        UInt32 index            = row.index * Next + k + Next;
+        Block first             = dr::gather<Block>(m_tables.visible, index);
         if (!row.alone) {
             Block second = dr::gather<Block>(m_tables.visible, index + Next);
             for (size_t i = 0; i < Tables::Block; ++i)
                 first[i] = mix(row, first[i], second[i]);
         }
-        return dr::detach(first);
+        return first;
+    }
+
+    /// Where a list passes some value: the last cell whose left knot is on this side of it, and
+    /// what the list holds at the two ends of that cell.
+    struct Place {
+        UInt32 cell;
+        Float left, right;
+    };
+
+    /// The last cell whose left knot `holds`, which is taken for granted at the first of a block.
+    template <typename Blocks, typename Holds>
+    static Place find(const Blocks &block, const Holds &holds) {
+        Place place{ UInt32(0u), Float(0.f), Float(0.f) };
+        auto descend = [&](const Block &values) {
+            UInt32 n   = 0u;
+            place.left = values[0];
+            for (uint32_t i = 1; i < Tables::Block; ++i) {
+                Mask before = holds(values[i]);
+                n           = dr::select(before, UInt32(i), n);
+                place.left  = dr::select(before, values[i], place.left);
+            }
+            for (uint32_t i = Tables::Block - 1; i > 0; --i)
+                place.right = dr::select(holds(values[i]), place.right, values[i]);
+            return n;
+        };
+        UInt32 k   = descend(block(UInt32(0u)));
+        place.cell = k * Tables::Block + descend(block(k + 1u));
+        return place;
     }
 
     /// Cell of a monotone rational-quadratic spline (Gregory & Delbourgo 1982): mass over y =
     /// rho^2.
     struct Cell {
-        /// Left knot, width; mass below the knot, above it, in the cell; -dC/dy at both ends
-        Float y, width, below, above, mass, g0, g1;
+        /// Width, mass, density at both ends
+        Float width, mass, g0, g1;
 
-        /// Density at the fraction tau of the cell
-        Float density(const Float &tau) const {
-            Float slope = mass / width, inv = width / dr::maximum(mass, 1e-30f), d0 = g0 * inv,
-                  d1 = g1 * inv, rest = tau * (1.f - tau);
-            Float top  = dr::fmadd(d1, dr::square(tau),
+        /// Density at the fraction tau of the cell; `inv_mass` is that of `inv()`
+        Float density(const Float &tau, const Float &inv_mass) const {
+            Float d0 = g0 * width * inv_mass, d1 = g1 * width * inv_mass, rest = tau * (1.f - tau),
+                  top  = dr::fmadd(d1, dr::square(tau),
                                    dr::fmadd(2.f, rest, d0 * dr::square(1.f - tau))),
                   base = dr::fmadd(d0 + d1 - 2.f, rest, 1.f);
-            return dr::select(mass > 0.f, slope * top / dr::square(base), 0.f);
+            return mass * top / (width * dr::square(base));
         }
 
+        Float inv() const { return dr::rcp(dr::maximum(mass, 1e-30f)); }
+
         /// The fraction tau of the cell below which the share q of its mass lies
-        Float invert(const Float &q) const {
-            Float inv = width / dr::maximum(mass, 1e-30f), d0 = g0 * inv, d1 = g1 * inv,
-                  k = d0 + d1 - 2.f, b = dr::fnmadd(q, k, d0),
+        Float invert(const Float &q, const Float &inv_mass) const {
+            Float d0 = g0 * width * inv_mass, d1 = g1 * width * inv_mass, k = d0 + d1 - 2.f,
+                  b    = dr::fnmadd(q, k, d0),
                   root = dr::sqrt(dr::maximum(dr::fmadd(b, b, 4.f * q * (1.f - b)), 1e-30f));
-            return dr::clip(2.f * q / dr::maximum(b + root, 1e-30f), 0.f, 1.f);
+            return share(2.f * q / dr::maximum(b + root, 1e-30f));
         }
     };
 
-    Cell cell_at(const Row &row, const UInt32 &j) const {
-        // Two rows (a, b), each at both ends of the cell
-        constexpr uint32_t Next = Tables::RowSize / 2;
-        UInt32 k                = row.index * Next + j + Tables::List;
-        auto pair               = [&](const UInt32 &index) {
-            return dr::gather<Vector2f>(m_tables.visible, index);
-        };
-        Vector2f a0 = pair(k), a1 = pair(k + 1u), b0 = row.alone ? a0 : pair(k + Next),
-                 b1 = row.alone ? a1 : pair(k + Next + 1u);
-        Cell cell;
-        cell.y     = dr::gather<Float>(m_tables.visible, j + Tables::Block);
-        cell.width = dr::gather<Float>(m_tables.visible, j + (Tables::Block + 1)) - cell.y;
-        cell.above = mix(row, a0.x(), b0.x());
-        // Differences within a row are exact, and may be far less than what they are taken from
-        cell.below = mix(row, 1.f - a0.x(), 1.f - b0.x());
-        cell.mass  = mix(row, a0.x() - a1.x(), b0.x() - b1.x());
-        cell.g0    = mix(row, a0.y(), b0.y());
-        cell.g1    = mix(row, a1.y(), b1.y());
-        return cell;
-    }
+    /// `x` limited to [0, 1]; clip() takes twice as long.
+    static Float share(const Float &x) { return dr::minimum(dr::maximum(x, 0.f), 1.f); }
 
-    /// The last cell whose left knot `holds`, which is taken for granted at the first of a block.
-    template <typename Blocks, typename Holds>
-    static UInt32 find_cell(const Blocks &block, const Holds &holds) {
-        auto count = [&](const Block &values) {
-            UInt32 n = 0u;
-            for (size_t i = 1; i < Tables::Block; ++i)
-                n += dr::select(holds(values[i]), UInt32(1u), UInt32(0u));
-            return n;
+    /// Cell `j` of a row, without its width.
+    Cell cell_at(const Row &row, const UInt32 &j) const {
+        // Mass, and the upper halves of the bits of two densities
+        auto cell = [&](const UInt32 &index) {
+            Vector2f pair = dr::gather<Vector2f>(m_tables.visible, index);
+            UInt32 bits   = dr::reinterpret_array<UInt32>(dr::detach(pair.y()));
+            return Vector3f(pair.x(), dr::reinterpret_array<Float>(bits & 0xffff0000u),
+                            dr::reinterpret_array<Float>(bits << 16u));
         };
-        UInt32 k = count(block(UInt32(0u)));
-        return k * Tables::Block + count(block(k + 1u));
+        constexpr uint32_t Next = Tables::RowSize / 2;
+        UInt32 k                = row.index * Next + j + (Next + Tables::List / 2);
+        Vector3f a = cell(k), b = row.alone ? a : cell(k + Next);
+        Cell result;
+        result.mass = mix(row, a.x(), b.x());
+        result.g0   = mix(row, a.y(), b.y());
+        result.g1   = mix(row, a.z(), b.z());
+        return result;
     }
 
     /// The last cell: normals so steep that their reflection is below the horizon. Never drawn.
@@ -376,30 +406,35 @@ private:
 
     /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost.
     std::pair<Float, Float> sample_radius(const Row &row, const Float &u) const {
-        Float target = 1.f - u;
-        UInt32 j     = find_cell([&](const UInt32 &k) { return mass_block(row, k); },
-                             [&](const Float &mass) { return mass >= dr::detach(target); });
-        Mask lost    = j == LostCell;
-        Cell cell    = cell_at(row, dr::minimum(j, LostCell - 1));
-        // Mass of the cell below the target, counted from the nearer end of the distribution
-        Float part = dr::select(u < .5f, u - cell.below, cell.above - target),
-              q = dr::clip(part / dr::maximum(cell.mass, 1e-30f), 0.f, 1.f), tau = cell.invert(q);
-        return { dr::fmadd(tau, cell.width, cell.y), dr::select(lost, 0.f, cell.density(tau)) };
+        Float target   = 1.f - u;
+        Place place    = find([&](const UInt32 &k) { return mass_block(row, k); },
+                           [&](const Float &mass) { return mass >= target; });
+        Mask lost      = place.cell == LostCell;
+        UInt32 j       = dr::minimum(place.cell, LostCell - 1);
+        Cell cell      = cell_at(row, j);
+        Vector2f knots = dr::gather<Vector2f>(m_tables.visible, j + Tables::List / 2);
+        cell.width     = knots.y();
+        Float inv_mass = cell.inv(),
+              tau      = cell.invert(share((place.left - target) * inv_mass), inv_mass);
+        return { dr::fmadd(tau, cell.width, knots.x()),
+                 dr::select(lost, 0.f, cell.density(tau, inv_mass)) };
     }
 
     /// Density of y under `sample_radius`.
     Float radial_pdf(const Row &row, const Float &y) const {
-        UInt32 j  = find_cell([&](const UInt32 &k) { return knot_block(k); },
-                             [&](const Float &knot) { return knot <= dr::detach(y); });
-        Cell cell = cell_at(row, dr::minimum(j, LostCell - 1));
-        Float tau = dr::clip((y - cell.y) / cell.width, 0.f, 1.f);
-        return dr::select(j == LostCell, 0.f, cell.density(tau));
+        Place place = find([&](const UInt32 &k) { return knot_block(k); },
+                           [&](const Float &knot) { return knot <= y; });
+        Cell cell   = cell_at(row, place.cell);
+        cell.width  = place.right - place.left;
+        Float tau   = share((y - place.left) / cell.width);
+        return dr::select(place.cell == LostCell, 0.f, cell.density(tau, cell.inv()));
     }
 
 private:
     const sgtd::host::Ndf &m_ndf;
     const Tables &m_tables;
-    Float m_alpha_u, m_alpha_v;
+    /// The roughness that was given, times its factor, and the inverse of that
+    Float m_given_u, m_given_v, m_alpha_u, m_alpha_v, m_inv_alpha_u, m_inv_alpha_v;
     bool m_sample_visible;
 };
 

@@ -22,9 +22,8 @@ template <typename Float_> struct SgtdTables {
 
     /// Size of the visible-normal table, of which `sample_visible = false` has the last row alone.
     /// The core has the same constants; `load` compares.
-    static constexpr uint32_t Rows = 16, Cells = 64, Block = 8;
-    /// Of a list of knots or masses, every eighth in front; of a row: the list of masses C and
-    /// pairs (C, g)
+    static constexpr uint32_t Rows = 15, Cells = 64, Block = 8;
+    /// Of a list of knots or masses, every eighth in front; of a row, that list and a pair per cell
     static constexpr uint32_t List = Block + Cells, RowSize = List + 2 * Cells;
 
     /// Size of the masking table's header: one entry per exponent of a float.
@@ -35,14 +34,15 @@ template <typename Float_> struct SgtdTables {
     /// A / pi
     Float factor;
     SgtdProfile<Float> profile;
-    /// The same in double precision; made only if `steep`
+    /// The same and the factor in double precision; made only if `steep`
     SgtdProfile<Double> precise;
+    Double precise_scale;
     /// Does the rounding of a slope in single precision change D by more than about 1e-5?
     bool steep = false;
     /// The b of the row coordinate a / (a + b) of the visible-normal table
     Float scale;
-    /// Entries and cubics of the masking table; knots in rho^2 and rows of the visible-normal
-    /// table, C the share of the mass above a knot and g = -dC
+    /// Entries and cubics of the masking table; knots y = rho^2 and rows of the visible-normal
+    /// table: lists of y and of the masses above a knot, pairs (y, width) and (mass, densities)
     FloatBuffer lambda, visible;
 
     /**
@@ -73,7 +73,7 @@ template <typename Float_> struct SgtdTables {
             const sgtd::host::Shape &shape  = row.shape;
             if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
                 tables.visible_cells != Cells ||
-                tables.visible.size != List + tables.visible_rows * RowSize ||
+                tables.visible.size != (1 + tables.visible_rows) * RowSize ||
                 tables.lambda_entries != Entries)
                 Throw("sgtd: the tables of the core do not have the layout that this plugin was "
                       "built for; rebuild the package.");
@@ -81,8 +81,11 @@ template <typename Float_> struct SgtdTables {
             result.factor      = (float)(tables.normalization / dr::Pi<double>);
             result.profile     = SgtdProfile<Float>::load(shape);
             result.steep       = tables.steepness > sgtd::host::Steep;
-            if (result.steep)
-                result.precise = SgtdProfile<Double>::load(shape);
+            if (result.steep) {
+                result.precise       = SgtdProfile<Double>::load(shape);
+                result.precise_scale = row.alpha_scale;
+                dr::make_opaque(result.precise_scale);
+            }
             result.scale   = (float)tables.scale;
             result.lambda  = dr::load<FloatBuffer>(tables.lambda.data, tables.lambda.size);
             result.visible = dr::load<FloatBuffer>(tables.visible.data, tables.visible.size);
@@ -94,7 +97,8 @@ template <typename Float_> struct SgtdTables {
         return result;
     }
 
-    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, scale, lambda, visible)
+    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, precise_scale, scale, lambda,
+                 visible)
 };
 
 NAMESPACE_END(mitsuba)

@@ -177,7 +177,8 @@ impl Ndf {
         };
         let (scale, sec2) = (self.factor * inverse_area, sec * sec);
         if sec2 < 1e100 {
-            finite(scale * f * sec2 * sec2)
+            // f comes last
+            finite(scale * sec2 * sec2 * f)
         } else {
             if f == 0.0 {
                 return 0.0;
@@ -203,12 +204,22 @@ impl Ndf {
         if across == 0.0 {
             return 0.0;
         }
-        let a = w.z / across;
-        let h = match &self.quadrature {
+        finite(self.h(w.z / across) * (across / w.z))
+    }
+
+    /// `cos θ (1 + Λ(ω))`, the area of all facets that face ω, seen from there: finite at the horizon too, and below it what it is there.
+    pub fn facing_area(&self, alpha: Roughness, w: DVec3) -> f64 {
+        let (across, up) = (norm(alpha.u * w.x, alpha.v * w.y), w.z.max(0.0));
+        if across == 0.0 { up } else { across.mul_add(self.h(up / across), up) }
+    }
+
+    /// `H(a)`, where Λ = H(a)/a.
+    #[inline]
+    fn h(&self, a: f64) -> f64 {
+        match &self.quadrature {
             Some(masking) => masking.at(self.profile.as_ref(), a).h,
             None => self.lambda_table.h(a),
-        };
-        finite(h * (across / w.z))
+        }
     }
 
     /// Smith's `G1(ω) = 1/(1 + Λ)`; 0 at and below the horizon.

@@ -142,9 +142,12 @@ impl Side {
         if self.gamma.is_infinite() {
             return (-power).exp();
         }
-        let y = power * self.inverse_less;
-        // The rounding of 1 + y is magnified by γ.
-        if self.gamma > LARGEST_PLAIN_GAMMA { self.g(Radius::exact(r)) } else { self.tail.fast_reciprocal(1.0 + y) }
+        // The rounding of the base is magnified by γ.
+        if self.gamma > LARGEST_PLAIN_GAMMA {
+            self.g(Radius::exact(r))
+        } else {
+            self.tail.fast_reciprocal(power.mul_add(self.inverse_less, 1.0))
+        }
     }
 
     /// −ln g(r): how far below its peak the profile is.

@@ -146,8 +146,9 @@ impl Profile for SkewedT {
     #[inline]
     fn f_fast(&self, x: f64) -> f64 {
         let d = x - self.shape.shift();
-        // an index, because which side x is on cannot be predicted
-        self.side.g_fast(d.abs() * self.inverse_widths[usize::from(d > 0.0)])
+        let (inner, outer) = (-d * self.inverse_widths[0], d * self.inverse_widths[1]);
+        // which side x is on cannot be predicted, but the other one is negative
+        self.side.g_fast(if outer > inner { outer } else { inner })
     }
 
     fn normalization(&self) -> f64 {

@@ -120,14 +120,15 @@ fn flat_masking_table_gives_what_the_core_gives() {
     }
 }
 
-/// The layout that renderers read: every eighth knot, all 64 knots, then for each view the masses C likewise and pairs (C, g).
+/// The layout that renderers read: every eighth knot, all 64 knots, left knot and width of the 63 cells; then for each view the masses
+/// C likewise, and mass and packed end densities of the cells.
 #[test]
 fn flat_visible_table_gives_what_the_core_gives() {
     for case in LIST {
         let ndf = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let table = ndf.visible_table();
         let flat = table.flat();
-        assert_eq!(flat.len(), LIST_SIZE + ROWS * ROW_SIZE, "{case:?}");
+        assert_eq!(flat.len(), (1 + ROWS) * ROW_SIZE, "{case:?}");
         let every_eighth = |list: &[f32]| list[BLOCK..].iter().copied().step_by(BLOCK).collect::<Vec<_>>();
         assert_eq!(flat[..BLOCK], every_eighth(&flat[..LIST_SIZE]), "{case:?}");
         let knots = table.knots();
@@ -141,24 +142,34 @@ fn flat_visible_table_gives_what_the_core_gives() {
         assert!(
             slopes.iter().zip(knots).all(|(slope, &y)| (slope * slope - f64::from(y)).abs() <= 1e-15 * f64::from(y))
         );
-        for (row, numbers) in flat[LIST_SIZE..].chunks(ROW_SIZE).enumerate() {
+        for (j, cell) in flat[LIST_SIZE..ROW_SIZE].chunks(2).enumerate() {
+            let want = if j + 1 < CELLS { [knots[j], knots[j + 1] - knots[j]] } else { [0.0; 2] };
+            assert_eq!(cell, want, "{case:?} cell {j}");
+        }
+        for (row, numbers) in flat[ROW_SIZE..].chunks(ROW_SIZE).enumerate() {
             let (masses, pairs) = numbers.split_at(LIST_SIZE);
             assert_eq!(masses[..BLOCK], every_eighth(masses), "{case:?} row {row}");
-            let pair = |j: usize| if j < CELLS { (pairs[2 * j], pairs[2 * j + 1]) } else { (0.0, 0.0) };
-            assert!((0..CELLS).all(|j| pair(j).0 == masses[BLOCK + j]), "{case:?} row {row}: masses differ");
-            assert!((0..CELLS).all(|j| pair(j).0 >= pair(j + 1).0), "{case:?} row {row}: masses above do not fall");
-            assert!(
-                (0..=CELLS).all(|j| pair(j).0 >= 0.0 && pair(j).1 >= 0.0 && pair(j).1.is_finite()),
-                "{case:?} row {row}"
-            );
-            assert_eq!(pair(0).0, 1.0, "{case:?} row {row}");
+            let masses = &masses[BLOCK..];
+            assert_eq!(masses[0], 1.0, "{case:?} row {row}");
+            assert!(masses.windows(2).all(|pair| pair[0] >= pair[1]), "{case:?} row {row}: masses above do not fall");
+            assert!(masses[CELLS - 1] >= 0.0, "{case:?} row {row}");
+            let ends = |j: usize| {
+                let bits = pairs[2 * j + 1].to_bits();
+                [f32::from_bits(bits & 0xFFFF_0000), f32::from_bits(bits << 16)]
+            };
+            for j in 0..CELLS - 1 {
+                assert_eq!(pairs[2 * j], masses[j] - masses[j + 1], "{case:?} row {row}: mass of cell {j}");
+                assert!(ends(j).iter().all(|g| *g >= 0.0 && g.is_finite()), "{case:?} row {row} cell {j}");
+                assert!(j == 0 || ends(j - 1)[1] == ends(j)[0], "{case:?} row {row}: jumps at knot {j}");
+            }
+            assert_eq!(pairs[2 * CELLS - 2..], [0.0; 2]);
             // exactly on a row, the density at a knot is g
             let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
             let mixture =
                 if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
             for (j, &knot) in knots.iter().enumerate().take(CELLS - 1) {
-                let (got, want) = (table.density(mixture, f64::from(knot)), f64::from(pair(j).1));
-                let empty = pair(j).0 == pair(j + 1).0;
+                let (got, want) = (table.density(mixture, f64::from(knot)), f64::from(ends(j)[0]));
+                let empty = pairs[2 * j] == 0.0;
                 assert!(
                     empty || (got - want).abs() <= 1e-5 * want,
                     "{case:?} row {row} knot {j}: {got:e}, not {want:e}"
@@ -199,9 +210,9 @@ fn the_table_of_projected_normals_is_the_last_row() {
             Ndf::projected(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let (table, row) = (whole.visible_table(), alone.visible_table());
         assert_eq!((table.rows(), row.rows()), (ROWS, 1));
-        assert_eq!(row.flat().len(), LIST_SIZE + ROW_SIZE);
-        assert_eq!(row.flat()[..LIST_SIZE], table.flat()[..LIST_SIZE]);
-        assert_eq!(row.flat()[LIST_SIZE..], table.flat()[LIST_SIZE + (ROWS - 1) * ROW_SIZE..]);
+        assert_eq!(row.flat().len(), 2 * ROW_SIZE);
+        assert_eq!(row.flat()[..ROW_SIZE], table.flat()[..ROW_SIZE]);
+        assert_eq!(row.flat()[ROW_SIZE..], table.flat()[ROWS * ROW_SIZE..]);
         let alpha = Roughness { u: 0.3, v: 0.1 };
         for k in 0..64 {
             let u = (f64::from(k) / 64.0, 0.37);

@@ -93,14 +93,19 @@ fn lambda_of(oracle: &Oracle, factor: f64, alpha: Roughness, w: DVec3) -> Option
 }
 
 pub fn lambda() -> Record {
-    over_lambda("lambda(w)", |ndf, alpha, w| ndf.lambda(alpha, w), |lambda| lambda)
+    over_lambda("lambda(w)", |ndf, alpha, w| ndf.lambda(alpha, w), |lambda, _| lambda)
+}
+
+pub fn facing_area() -> Record {
+    let area = |lambda: f64, cos: f64| cos * (1.0 + lambda);
+    over_lambda("facing_area", |ndf, alpha, w| ndf.facing_area(alpha, w), area)
 }
 
 pub fn g1() -> Record {
-    over_lambda("g1", |ndf, alpha, w| ndf.g1(alpha, w), |lambda| 1.0 / (1.0 + lambda))
+    over_lambda("g1", |ndf, alpha, w| ndf.g1(alpha, w), |lambda, _| 1.0 / (1.0 + lambda))
 }
 
-fn over_lambda(what: &str, got: fn(&Ndf, Roughness, DVec3) -> f64, want: fn(f64) -> f64) -> Record {
+fn over_lambda(what: &str, got: fn(&Ndf, Roughness, DVec3) -> f64, want: fn(f64, f64) -> f64) -> Record {
     over_shapes(what, |record, _, case, seed| {
         if seed % 11 != 0 {
             return;
@@ -111,7 +116,9 @@ fn over_lambda(what: &str, got: fn(&Ndf, Roughness, DVec3) -> f64, want: fn(f64)
             if k % 4 == 0
                 && let Some(lambda) = lambda_of(&oracle, factor, alpha, w)
             {
-                record.compare(source, got(&ndf, alpha, w), want(lambda), || format!("{case:?} {alpha:?} w = {w:?}"));
+                record.compare(source, got(&ndf, alpha, w), want(lambda, w.z), || {
+                    format!("{case:?} {alpha:?} w = {w:?}")
+                });
             }
         }
     })
