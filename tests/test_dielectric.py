@@ -570,7 +570,11 @@ def test_polarization_is_that_of_smooth_glass(transport, component):
     assert np.abs(our_wo - their_wo)[seen].max() < 1e-3
     # off the diagonal there is polarization to be compared, and the bases count
     assert np.abs(theirs[:, 0, 1:3]).max() > 0.02
-    assert np.abs(ours - theirs).max() < 5e-4
+    # the spline that normals are drawn from is not quite D: what a sample weighs beside its matrix
+    weight = ours[seen, 0, 0] / theirs[seen, 0, 0]
+    assert np.abs(weight - 1).max() < 5e-3
+    assert not ours[~seen].any()
+    assert np.abs(ours[seen] / weight[:, None, None] - theirs[seen]).max() < 5e-4
 
 
 def test_polarization_through_a_tilted_facet():

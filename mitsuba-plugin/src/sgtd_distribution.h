@@ -38,8 +38,8 @@ public:
     SgtdDistribution(const sgtd::host::Ndf &ndf, const Tables &tables, const Float &alpha_u,
                      const Float &alpha_v, bool sample_visible)
         : m_ndf(ndf), m_tables(tables), m_given_u(alpha_u), m_given_v(alpha_v),
-          m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, 1e-4f)),
-          m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, 1e-4f)),
+          m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, LeastAlpha)),
+          m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, LeastAlpha)),
           m_inv_alpha_u(dr::rcp(m_alpha_u)), m_inv_alpha_v(dr::rcp(m_alpha_v)),
           m_sample_visible(sample_visible) {}
 
@@ -166,6 +166,8 @@ public:
     }
 
 private:
+    /// Smaller roughness is raised to this
+    static constexpr float LeastAlpha = 1e-4f;
     /// Least cosine of a normal that is divided by: the square of its inverse is finite
     static constexpr float LeastCos = 1e-18f;
     /// Greater values of D are cut off, so that products with them are finite
@@ -211,7 +213,7 @@ private:
     Float steep_sqrt_f(const Vector3f &wi, const Vector3f &wo) const {
         using Double = typename Tables::Double;
         auto alpha   = [&](const Float &given) {
-            return dr::maximum(Double(given) * m_tables.precise_scale, 1e-4);
+            return dr::maximum(Double(given) * m_tables.precise_scale, (double)LeastAlpha);
         };
         Double inv_z = dr::rcp(dr::maximum(Double(wi.z()) + Double(wo.z()), (double)LeastCos)),
                x     = (Double(wi.x()) + Double(wo.x())) * inv_z / alpha(m_given_u),

@@ -126,7 +126,7 @@ impl LambdaTable {
         let cell = start + ((bits & MANTISSA_MASK) >> shift);
         let d = a - f64::from(left);
         let [c0, c1, c2, c3] = self.cubics[cell as usize];
-        (c0 + d * (c1 + d * (c2 + d * c3))).max(0.0)
+        d.mul_add(d.mul_add(d.mul_add(c3, c2), c1), c0).max(0.0)
     }
 }
 

@@ -270,6 +270,8 @@ impl Ndf {
         let mixture = self.visible_table.mixture(view.direction.z, view.across);
         let Some((y, radial)) = self.visible_table.sample(mixture, u.0) else { return INVALID };
         let rho = y.sqrt();
+        // before the azimuth, which does not need it: the processor then works on both
+        let f_over_density = self.shape_factor(rho) / (2.0 * radial);
         let azimuth = Azimuth::new(view.direction.z, view.across, rho).sample(u.1);
         if azimuth.share <= 0.0 {
             return INVALID;
@@ -282,7 +284,7 @@ impl Ndf {
         };
         let (sin, cos) = (azimuth.sin, azimuth.cos);
         let slope = (rho * (cos * cos_view - sin * sin_view), rho * (sin * cos_view + cos * sin_view));
-        self.finish(alpha, rho, slope, 2.0 * radial * azimuth.share)
+        self.finish(alpha, slope, 2.0 * radial * azimuth.share, f_over_density * azimuth.inverse_share)
     }
 
     /// Density per solid angle of the normals that [`Ndf::sample_projected`] draws: D·cos θ_m up to the spline.
@@ -308,16 +310,16 @@ impl Ndf {
             (y.sqrt(), radial / PI)
         };
         let (sin, cos) = (2.0 * PI * u.1).sin_cos();
-        self.finish(alpha, rho, (rho * cos, rho * sin), area_density)
+        self.finish(alpha, (rho * cos, rho * sin), area_density, self.shape_factor(rho) / area_density)
     }
 
-    /// The normal of a stretched slope drawn with the given density per slope area.
-    fn finish(&self, alpha: Roughness, rho: f64, slope: (f64, f64), area_density: f64) -> NormalSample {
+    /// The normal of a stretched slope drawn with the given density per slope area; f divided by that density.
+    fn finish(&self, alpha: Roughness, slope: (f64, f64), area_density: f64, f_over_density: f64) -> NormalSample {
         let m = DVec3::new(alpha.u * slope.0, alpha.v * slope.1, 1.0);
         let sec = m.length();
         let m = m * (1.0 / sec);
         let pdf = area_density * (1.0 / (alpha.u * alpha.v)) * (sec * sec * sec);
-        let d_over_pdf = self.factor * self.shape_factor(rho) * sec / area_density;
+        let d_over_pdf = self.factor * f_over_density * sec;
         if m.z > 0.0 && pdf > 0.0 && pdf.is_finite() && d_over_pdf.is_finite() {
             NormalSample { m, pdf, d_over_pdf }
         } else {

@@ -262,7 +262,8 @@ impl Rows<'_> {
     /// Mass above knot j.
     #[inline]
     fn above(&self, j: usize) -> f64 {
-        self.masses(1 + j / BLOCK)[j % BLOCK]
+        let (k, i) = (1 + j / BLOCK, j % BLOCK);
+        self.mix(self.first.masses[k][i], self.second.masses[k][i])
     }
 
     /// The mass of cell j and the densities at its ends.
