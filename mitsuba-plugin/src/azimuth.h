@@ -27,8 +27,8 @@ template <typename Float> struct Azimuth {
     Azimuth(const Float &c, const Float &b) {
         inv_sum   = dr::rcp(dr::maximum(c + b, 1e-18f));
         Float e2  = (b - c) * inv_sum;
-        slope_0   = dr::maximum(-e2, 0.f);
-        a         = dr::maximum(dr::fnmadd(.5f, dr::abs(e2), .5f), 0.f);
+        slope_0   = dr::select(e2 < 0.f, -e2, 0.f);
+        a         = dr::fnmadd(.5f, dr::abs(e2), .5f);
         Mask past = e2 > 1e-12f;
         // e^2 as it is would give an infinite derivative at b = c
         e = dr::select(past, dr::sqrt(dr::maximum(e2, 1e-12f)), 0.f);

@@ -114,7 +114,7 @@ public:
                 Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
                 Vector3f w   = view.w;
                 Float facing = dr::fmadd(w.x(), facet.x, dr::fmadd(w.y(), facet.y, w.z()));
-                azimuthal    = dr::maximum(facing, 0.f) * azimuth.inv_sum / azimuth.mass;
+                azimuthal    = facing * azimuth.inv_sum / azimuth.mass;
             } else {
                 row       = normal_row();
                 azimuthal = dr::InvPi<Float>;
@@ -176,6 +176,10 @@ private:
     static sgtd::host::Vec3 to_core(const Vector3f &v) {
         return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
     }
+
+    /// The greater of `x` and 0. As a selection it is one instruction, as maximum() it is three,
+    /// which care for NaN.
+    static Float positive(const Float &x) { return dr::select(x > 0.f, x, 0.f); }
 
     static sgtd::host::Vec3 unit(const sgtd::host::Vec3 &v) {
         double inv_length = 1.0 / std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -251,8 +255,7 @@ private:
                cell  = (entry >> 5u) + ((bits & Mantissa) >> shift) + Tables::Entries / 4;
         Float d      = a - dr::reinterpret_array<Float>((bits >> shift) << shift);
         Vector4f c   = dr::gather<Vector4f>(m_tables.lambda, cell);
-        return dr::maximum(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()),
-                           0.f);
+        return positive(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()));
     }
 
     // ------------------------------------------------------------------
@@ -295,7 +298,7 @@ private:
      * outweighs the last one even at a weight of 1e-4, which a difference from 1 would garble.
      */
     Row row_of(const View &view) const {
-        Float sb = view.s * m_tables.scale, c = dr::maximum(view.c, 0.f),
+        Float sb = view.s * m_tables.scale, c = positive(view.c),
               r     = sb / dr::maximum(c + sb, 1e-18f) * (float)(Tables::Rows - 1);
         UInt32 back = dr::minimum(UInt32(dr::detach(r)), Tables::Rows - 2);
         return { (Tables::Rows - 2) - back, r - Float(back) };
@@ -381,8 +384,8 @@ private:
         }
     };
 
-    /// `x` limited to [0, 1]; clip() takes twice as long.
-    static Float share(const Float &x) { return dr::minimum(dr::maximum(x, 0.f), 1.f); }
+    /// `x` limited to [0, 1]
+    static Float share(const Float &x) { return dr::minimum(positive(x), 1.f); }
 
     /// Cell `j` of a row, without its width.
     Cell cell_at(const Row &row, const UInt32 &j) const {

@@ -132,8 +132,8 @@ template <typename Float_> struct SgtdMultipleScattering {
     /**
      * F_avg = 2 * integral of F(mu) mu, by the four-point Gauss rule for the weight mu.
      *
-     * Off by at most 7e-4 for k >= 1; where k is below 0.1 and eta below 1, which no metal is at
-     * visible wavelengths, F has a bend that costs up to 0.1.
+     * Where k is near 0 and eta below 1, which no metal is at visible wavelengths, F has a bend
+     * that the rule does not see.
      */
     template <typename Spectrum> static Spectrum average_fresnel(const dr::Complex<Spectrum> &eta) {
         constexpr float Nodes[4]   = { 0.139759864f, 0.416409568f, 0.723156986f, 0.942895804f },

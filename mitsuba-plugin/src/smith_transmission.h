@@ -4,7 +4,8 @@
 
 NAMESPACE_BEGIN(mitsuba)
 
-/// Stirling's series of ln Gamma(x) - ((x - 1/2) ln x - x + ln(2 pi)/2) for x >= 3, to 3e-7.
+/// Stirling's series of ln Gamma(x) - ((x - 1/2) ln x - x + ln(2 pi)/2); the first term that it
+/// leaves out is 1/(1680 x^7), and x >= 3.
 template <typename Float> Float stirling_rest(const Float &x) {
     Float r = dr::rcp(x), r2 = dr::square(r);
     return r * dr::fmadd(r2, dr::fmadd(r2, 1.f / 1260.f, -1.f / 360.f), 1.f / 12.f);

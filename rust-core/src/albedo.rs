@@ -7,6 +7,7 @@
 //! the origin. So for every azimuth ψ of the stretched slope the radius runs from 0 to one end that depends smoothly on ψ, and no rule
 //! sees the kink at the horizon. What is integrated is the loss, a sum of positive terms: it keeps its digits where E is almost 1.
 
+use crate::hermite;
 use crate::ndf::{Ndf, Roughness, Shadowing};
 use crate::profile::{Profile, Tail};
 use crate::quadrature::gauss;
@@ -250,12 +251,9 @@ impl TailMoments {
             });
         }
         let (left, right) = (&self.points[next.max(1) - 1], &self.points[next]);
-        let width = right.0 - left.0;
-        let t = (rho - left.0) / width;
         [0, 1].map(|k| {
-            let step = right.1[k] - left.1[k];
-            let (d0, d1) = (-left.2[k] * width, -right.2[k] * width);
-            left.1[k] + t * (d0 + t * (3.0 * step - 2.0 * d0 - d1 + t * (d0 + d1 - 2.0 * step)))
+            let (at_left, at_right) = ([left.1[k], -left.2[k]], [right.1[k], -right.2[k]]);
+            hermite::value(hermite::cubic(at_left, at_right, right.0 - left.0), rho - left.0)
         })
     }
 }

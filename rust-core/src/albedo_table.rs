@@ -16,6 +16,7 @@
 //! table says is lost: a furnace is off by the error of E at the view, and by no more.
 
 use crate::albedo::{Rule, SingleScattering, View};
+use crate::hermite;
 use crate::ndf::{Ndf, Roughness, Shadowing};
 use crate::profile::Tail;
 use crate::quadrature::gauss;
@@ -257,7 +258,7 @@ impl AlbedoTable {
         let slopes = logs.derivative(&averages);
         best.flat.extend((0..AVERAGE).map(|k| {
             let (cell, t) = locate(k as f64 / (AVERAGE - 1) as f64, AVERAGE_NODES);
-            let [[f0, d0], [f1, d1]] = hermite(t);
+            let [[f0, d0], [f1, d1]] = hermite::weights(t);
             let width = 1.0 / (AVERAGE_NODES - 1) as f64;
             (f0 * averages[cell] + f1 * averages[cell + 1] + width * (d0 * slopes[cell] + d1 * slopes[cell + 1])) as f32
         }));
@@ -394,7 +395,7 @@ impl AlbedoTable {
     /// The bicubic polynomial of an isotropic grid.
     fn root(&self, v: f64, w: f64) -> f64 {
         let ((i, s), (j, t)) = (locate(v, self.grid.0), locate(w, self.grid.1));
-        let (along_v, along_w) = (hermite(s), hermite(t));
+        let (along_v, along_w) = (hermite::weights(s), hermite::weights(t));
         let mut sum = 0.0;
         for (di, [value_v, slope_v]) in along_v.into_iter().enumerate() {
             for (dj, [value_w, slope_w]) in along_w.into_iter().enumerate() {
@@ -468,12 +469,6 @@ fn locate(x: f64, count: usize) -> (usize, f64) {
     let x = x.clamp(0.0, 1.0) * (count - 1) as f64;
     let cell = (x as usize).min(count - 2);
     (cell, x - cell as f64)
-}
-
-/// Hermite's cubics at both ends of a cell, for value and derivative.
-fn hermite(t: f64) -> [[f64; 2]; 2] {
-    let rest = 1.0 - t;
-    [[rest * rest * (1.0 + 2.0 * t), t * rest * rest], [t * t * (1.0 + 2.0 * rest), -t * t * rest]]
 }
 
 /// Points of [0, 1], ascending, ends included, at which a function is known along the first axis of an array.

@@ -6,6 +6,7 @@
 //! argument is out of range. Cells are the cubic polynomials that match H and H′ = −S at both ends, written in the distance
 //! from the left end. All octaves below the first share one cell that begins at 0, those above the last one a constant.
 
+use crate::hermite;
 use crate::masking::{Masking, MaskingIntegral};
 use crate::profile::Profile;
 
@@ -87,14 +88,14 @@ impl LambdaTable {
             reached = error_of_first(low);
         }
         let mut left = node(2f64.powi(low));
-        let mut cubics = vec![hermite(&zero, &left)];
+        let mut cubics = vec![cubic(&zero, &left)];
         let mut octaves = vec![Octave { start: 0, shift: WHOLE }; (f32::MAX_EXP - 2 + low) as usize + 1];
         while left.h > 0.5 * permitted * left.a && left.a < 2f64.powi(OCTAVES.1) {
             let right = node(2.0 * left.a);
             let start = cubics.len() as u32;
             let (nodes, error) = divide(left, right, permitted, &node);
             reached = reached.max(error);
-            cubics.extend(nodes.windows(2).map(|pair| hermite(&pair[0], &pair[1])));
+            cubics.extend(nodes.windows(2).map(|pair| cubic(&pair[0], &pair[1])));
             octaves.push(Octave { start, shift: MANTISSA - (nodes.len() - 1).ilog2() });
             left = right;
         }
@@ -125,8 +126,7 @@ impl LambdaTable {
         let left = f32::from_bits((bits >> shift) << shift);
         let cell = start + ((bits & MANTISSA_MASK) >> shift);
         let d = a - f64::from(left);
-        let [c0, c1, c2, c3] = self.cubics[cell as usize];
-        d.mul_add(d.mul_add(d.mul_add(c3, c2), c1), c0).max(0.0)
+        hermite::value(self.cubics[cell as usize], d).max(0.0)
     }
 }
 
@@ -162,14 +162,8 @@ fn divide(left: Node, right: Node, permitted: f64, node: &impl Fn(f64) -> Node) 
 }
 
 /// The cell between two nodes.
-fn hermite(left: &Node, right: &Node) -> [f64; 4] {
-    cubic([left.h, left.slope], [right.h, right.slope], right.a - left.a)
-}
-
-/// The cubic in the distance from the left end that has the given values and slopes at both ends.
-fn cubic([h0, s0]: [f64; 2], [h1, s1]: [f64; 2], width: f64) -> [f64; 4] {
-    let chord = (h1 - h0) / width;
-    [h0, s0, (3.0 * chord - 2.0 * s0 - s1) / width, (s0 + s1 - 2.0 * chord) / (width * width)]
+fn cubic(left: &Node, right: &Node) -> [f64; 4] {
+    hermite::cubic([left.h, left.slope], [right.h, right.slope], right.a - left.a)
 }
 
 fn ilog2(x: f64) -> i32 {
@@ -178,8 +172,6 @@ fn ilog2(x: f64) -> i32 {
 
 /// Relative error of G1 = a/(a+H) at a point within a cell.
 fn error(left: &Node, right: &Node, point: &Node) -> f64 {
-    let [c0, c1, c2, c3] = hermite(left, right);
-    let d = point.a - left.a;
-    let h = c0 + d * (c1 + d * (c2 + d * c3));
+    let h = hermite::value(cubic(left, right), point.a - left.a);
     (h - point.h).abs() / (point.a + point.h)
 }

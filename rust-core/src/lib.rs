@@ -45,6 +45,7 @@ pub mod bridge;
 pub mod error;
 pub mod exponent;
 pub mod gamma_ratio;
+mod hermite;
 pub mod invert;
 pub mod lambda_table;
 pub mod masking;
