@@ -342,15 +342,17 @@ private:
     static Place find(const Blocks &block, const Holds &holds) {
         Place place{ UInt32(0u), Float(0.f), Float(0.f) };
         auto descend = [&](const Block &values) {
-            UInt32 n   = 0u;
-            place.left = values[0];
+            UInt32 n    = 0u;
+            Float after = place.right;
+            place.left  = values[0];
+            place.right = values[1];
             for (uint32_t i = 1; i < Tables::Block; ++i) {
                 Mask before = holds(values[i]);
                 n           = dr::select(before, UInt32(i), n);
                 place.left  = dr::select(before, values[i], place.left);
+                place.right =
+                    dr::select(before, i + 1 < Tables::Block ? values[i + 1] : after, place.right);
             }
-            for (uint32_t i = Tables::Block - 1; i > 0; --i)
-                place.right = dr::select(holds(values[i]), place.right, values[i]);
             return n;
         };
         UInt32 k   = descend(block(UInt32(0u)));
