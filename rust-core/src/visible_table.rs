@@ -66,7 +66,7 @@ impl VisibleTable {
         Self::with_rows(profile, masking, ROWS)
     }
 
-    /// The row of D·cos alone, a tenth of the size: every view is that along the normal.
+    /// The row of D·cos alone, an eighth of the size: every view is that along the normal.
     pub fn projected(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
         Self::with_rows(profile, masking, 1)
     }
