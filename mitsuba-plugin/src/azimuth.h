@@ -133,8 +133,8 @@ private:
                         at.versine + dr::fmadd(at.sine, step_sine, cosine * step_versine));
     }
 
-    /// Minimax polynomials, within 2e-8, 5e-9 and 6e-8, on [0, 1] and [0, 1.6]: the functions of
-    /// Dr.Jit take two to three times as long, for arguments of any size.
+    /// Minimax polynomials on [0, 1], and [0, 1.6] for sine and cosine: the functions of Dr.Jit are
+    /// for arguments of any size, and longer.
     static Float atan(const Float &x) {
         return x * dr::estrin(dr::square(x), 1.f, -.333330721f, .199926198f, -.142036453f,
                               .106409349f, -.0750429556f, .0426915288f, -.0160686318f,

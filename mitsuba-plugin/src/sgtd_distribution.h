@@ -363,24 +363,25 @@ private:
     /// Cell of a monotone rational-quadratic spline (Gregory & Delbourgo 1982): mass over y =
     /// rho^2.
     struct Cell {
-        /// Width, mass, density at both ends
-        Float width, mass, g0, g1;
+        /// Width, mass and its inverse; densities at both ends in units of mass / width
+        Float width, mass, inv_mass, d0, d1;
 
-        /// Density at the fraction tau of the cell; `inv_mass` is that of `inv()`
-        Float density(const Float &tau, const Float &inv_mass) const {
-            Float d0 = g0 * width * inv_mass, d1 = g1 * width * inv_mass, rest = tau * (1.f - tau),
+        Cell(const Float &width_, const Float &mass_, const Float &g0, const Float &g1)
+            : width(width_), mass(mass_), inv_mass(dr::rcp(dr::maximum(mass_, 1e-30f))),
+              d0(g0 * width_ * inv_mass), d1(g1 * width_ * inv_mass) {}
+
+        /// Density at the fraction tau of the cell
+        Float density(const Float &tau) const {
+            Float rest = tau * (1.f - tau),
                   top  = dr::fmadd(d1, dr::square(tau),
                                    dr::fmadd(2.f, rest, d0 * dr::square(1.f - tau))),
                   base = dr::fmadd(d0 + d1 - 2.f, rest, 1.f);
             return mass * top / (width * dr::square(base));
         }
 
-        Float inv() const { return dr::rcp(dr::maximum(mass, 1e-30f)); }
-
-        /// The fraction tau of the cell below which the share q of its mass lies
-        Float invert(const Float &q, const Float &inv_mass) const {
-            Float d0 = g0 * width * inv_mass, d1 = g1 * width * inv_mass, k = d0 + d1 - 2.f,
-                  b    = dr::fnmadd(q, k, d0),
+        /// The fraction tau of the cell below which `part` of its mass lies
+        Float invert(const Float &part) const {
+            Float q = share(part * inv_mass), k = d0 + d1 - 2.f, b = dr::fnmadd(q, k, d0),
                   root = dr::sqrt(dr::maximum(dr::fmadd(b, b, 4.f * q * (1.f - b)), 1e-30f));
             return share(2.f * q / dr::maximum(b + root, 1e-30f));
         }
@@ -389,10 +390,10 @@ private:
     /// `x` limited to [0, 1]
     static Float share(const Float &x) { return dr::minimum(positive(x), 1.f); }
 
-    /// Cell `j` of a row, without its width.
-    Cell cell_at(const Row &row, const UInt32 &j) const {
+    /// Cell `j` of a row, whose width the caller has from the knots.
+    Cell cell_at(const Row &row, const UInt32 &j, const Float &width) const {
         // Mass, and the upper halves of the bits of two densities
-        auto cell = [&](const UInt32 &index) {
+        auto load = [&](const UInt32 &index) {
             Vector2f pair = dr::gather<Vector2f>(m_tables.visible, index);
             UInt32 bits   = dr::reinterpret_array<UInt32>(dr::detach(pair.y()));
             return Vector3f(pair.x(), dr::reinterpret_array<Float>(bits & 0xffff0000u),
@@ -400,12 +401,8 @@ private:
         };
         constexpr uint32_t Next = Tables::RowSize / 2;
         UInt32 k                = row.index * Next + j + (Next + Tables::List / 2);
-        Vector3f a = cell(k), b = row.alone ? a : cell(k + Next);
-        Cell result;
-        result.mass = mix(row, a.x(), b.x());
-        result.g0   = mix(row, a.y(), b.y());
-        result.g1   = mix(row, a.z(), b.z());
-        return result;
+        Vector3f a = load(k), b = row.alone ? a : load(k + Next);
+        return Cell(width, mix(row, a.x(), b.x()), mix(row, a.y(), b.y()), mix(row, a.z(), b.z()));
     }
 
     /// The last cell: normals so steep that their reflection is below the horizon. Never drawn.
@@ -418,23 +415,19 @@ private:
                            [&](const Float &mass) { return mass >= target; });
         Mask lost      = place.cell == LostCell;
         UInt32 j       = dr::minimum(place.cell, LostCell - 1);
-        Cell cell      = cell_at(row, j);
         Vector2f knots = dr::gather<Vector2f>(m_tables.visible, j + Tables::List / 2);
-        cell.width     = knots.y();
-        Float inv_mass = cell.inv(),
-              tau      = cell.invert(share((place.left - target) * inv_mass), inv_mass);
-        return { dr::fmadd(tau, cell.width, knots.x()),
-                 dr::select(lost, 0.f, cell.density(tau, inv_mass)) };
+        Cell cell      = cell_at(row, j, knots.y());
+        Float tau      = cell.invert(place.left - target);
+        return { dr::fmadd(tau, cell.width, knots.x()), dr::select(lost, 0.f, cell.density(tau)) };
     }
 
     /// Density of y under `sample_radius`.
     Float radial_pdf(const Row &row, const Float &y) const {
         Place place = find([&](const UInt32 &k) { return knot_block(k); },
                            [&](const Float &knot) { return knot <= y; });
-        Cell cell   = cell_at(row, place.cell);
-        cell.width  = place.right - place.left;
+        Cell cell   = cell_at(row, place.cell, place.right - place.left);
         Float tau   = share((y - place.left) / cell.width);
-        return dr::select(place.cell == LostCell, 0.f, cell.density(tau, cell.inv()));
+        return dr::select(place.cell == LostCell, 0.f, cell.density(tau));
     }
 
 private:

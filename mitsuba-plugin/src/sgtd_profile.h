@@ -99,8 +99,8 @@ private:
         return dr::reinterpret_array<Value>(UInt(n + Bias) << MantissaBits);
     }
 
-    /// log2(1 + r) / r for 1 + r between the square roots of 1/2 and 2, within 3e-8 of it in single
-    /// precision (minimax): dr::log2() spends half its time on all other numbers.
+    /// log2(1 + r) / r for 1 + r between the square roots of 1/2 and 2, a minimax polynomial in
+    /// single precision: dr::log2() spends half its time on all other numbers.
     static Value log2_ratio(const Value &r) {
         if constexpr (Single) {
             return dr::estrin(r, 1.44269502f, -.721347332f, .480910629f, -.360703677f, .287916243f,
@@ -112,7 +112,7 @@ private:
         }
     }
 
-    /// Of a number between -1/2 and 1/2, within 2e-9 in single precision (minimax).
+    /// Of a number between -1/2 and 1/2, a minimax polynomial in single precision.
     static Value exp2(const Value &x) {
         if constexpr (Single)
             return dr::estrin(x, 1.f, .693147182f, .240226462f, .0555032864f, .00961848907f,

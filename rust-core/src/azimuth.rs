@@ -132,8 +132,7 @@ impl Azimuth {
     }
 }
 
-/// Sine and cosine on [0, 1.6], relative errors below 4e-16, by Taylor's series: in half the time of the library, which does not know the
-/// range and guesses a branch for it.
+/// Sine and cosine on [0, 1.6] by Taylor's series: the library does not know the range and guesses a branch for it.
 fn sin_cos(x: f64) -> (f64, f64) {
     const fn series<const N: usize>(first: u32) -> [f64; N] {
         let mut terms = [1.0; N];
