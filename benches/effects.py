@@ -19,7 +19,7 @@ from typing import Any
 import click
 from render import has_llvm
 from rich.progress import Progress
-from sgtd.turns import ratios, render_clock
+from sgtd.interleaved_timing import ratios, render_clock
 
 TABLES = {"gamma": 1.9}
 RING = {"gamma": 1.9, "shift": 0.4}

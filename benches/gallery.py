@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 from rich.progress import Progress
-from sgtd.turns import ratios, render_clock
+from sgtd.interleaved_timing import ratios, render_clock
 
 SIZE = 192
 ROW = 3

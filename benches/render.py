@@ -14,8 +14,8 @@ from pathlib import Path
 import click
 import numpy as np
 from rich.progress import Progress
-from sgtd.turns import ratios, render_clock
-from sgtd.variants import probe
+from sgtd.interleaved_timing import ratios, render_clock
+from sgtd.scene.variants import probe
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "spheres.xml"
 FULL = {"distribution": "sgtd", "gamma": 2.7, "p": 1.3, "lambda": 0.3, "shift": 0.4}
@@ -39,8 +39,8 @@ class Row:
 
 def scenes(settings: dict, distribution: str) -> tuple[object, object]:
     """(sgtdconductor with the settings, roughconductor with its own distribution)."""
-    from sgtd.exchange import exchange
-    from sgtd.scene_graph import read_scene
+    from sgtd.scene.exchange import exchange
+    from sgtd.scene.graph import read_scene
 
     pair = exchange(read_scene(SCENE, {**SIZE, "distribution": distribution}), settings)
     return pair.right.build(), pair.left.build()
@@ -101,7 +101,7 @@ def peak_memory(plugin: str) -> float:
         "import resource,sys\n"
         "import mitsuba as mi\nmi.set_variant('llvm_ad_rgb')\n"
         "import sgtd,json\n"
-        "from pathlib import Path\nfrom sgtd.exchange import exchange\nfrom sgtd.scene_graph import read_scene\n"
+        "from pathlib import Path\nfrom sgtd.scene.exchange import exchange\nfrom sgtd.scene.graph import read_scene\n"
         f"pair=exchange(read_scene(Path({str(SCENE)!r}),{{'width':'960','height':'540'}}),{FULL!r})\n"
         f"scene=(pair.right if {plugin!r}=='sgtdconductor' else pair.left).build()\n"
         "import numpy as np\nnp.array(mi.render(scene,spp=16))\n"

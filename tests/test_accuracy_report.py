@@ -15,9 +15,9 @@ import pytest
 from scipy import integrate, special
 from sgtd import cli
 from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published
+from sgtd.accuracy.function_timing import Timing
 from sgtd.accuracy.images import ImageRow
 from sgtd.accuracy.shapes import make_shape, parse_shape
-from sgtd.accuracy.stopwatch import Timing
 from sgtd.errors import UserError
 
 SHAPE = "student:gamma=2.5"

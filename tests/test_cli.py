@@ -16,10 +16,11 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from sgtd import cli, measure, variants
-from sgtd.compare import FILES
-from sgtd.render import plan_passes, render
-from sgtd.scene_graph import read_scene
+from sgtd import cli
+from sgtd.compare import FILES, difference
+from sgtd.scene import variants
+from sgtd.scene.graph import read_scene
+from sgtd.scene.render import plan_passes, render
 
 SCENES = sorted((Path(__file__).parents[1] / "scenes").glob("*.xml"))
 
@@ -158,8 +159,8 @@ def test_compare_writes_everything_and_a_second_run_replaces_it(sgtd, scene, tmp
     left, right = read_exr(folder / "left.exr"), read_exr(folder / "right.exr")
     assert left.shape == right.shape == (24, 24, 3)
     rows = table(folder)
-    assert float(rows["mean luminance"]["left"]) == pytest.approx(measure.luminance(left).mean(), rel=1e-5)
-    assert float(rows["mean luminance"]["right"]) == pytest.approx(measure.luminance(right).mean(), rel=1e-5)
+    assert float(rows["mean luminance"]["left"]) == pytest.approx(difference.luminance(left).mean(), rel=1e-5)
+    assert float(rows["mean luminance"]["right"]) == pytest.approx(difference.luminance(right).mean(), rel=1e-5)
     assert float(rows["RMSE"]["between"]) == pytest.approx(np.sqrt(np.mean((right - left) ** 2)), rel=1e-4)
     assert 0 < float(rows["FLIP"]["between"]) < 1
     assert float(rows["time"]["ratio"]) > 0
@@ -388,7 +389,7 @@ def test_an_interrupted_write_leaves_nothing(sgtd, scene, tmp_path, monkeypatch)
     def fail(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sgtd.picture.draw", fail)
+    monkeypatch.setattr("sgtd.compare.comparison.draw", fail)
     status, _, err = sgtd("compare", scene, "-o", tmp_path / "a" / "b", *SCALAR)
     assert (status, err.strip()) == (130, "sgtd: interrupted")
     assert not (tmp_path / "a").exists()
@@ -479,13 +480,13 @@ def test_the_noise_free_rmse_finds_a_difference_below_the_noise(sgtd, scene, tmp
 
 def test_exposure_and_stops():
     image = np.full((8, 8, 3), 0.1)
-    assert measure.exposure_for(image) == pytest.approx(-1 / 3)  # 0.1 becomes 0.08
+    assert difference.exposure_for(image) == pytest.approx(-1 / 3)  # 0.1 becomes 0.08
     lamp = image.copy()
     lamp[0, 0] = 1e6
-    assert measure.exposure_for(lamp) == pytest.approx(-2 / 3)  # one white pixel of 64, however bright
-    assert measure.exposure_for(np.where(lamp > 1, lamp, 0)) == pytest.approx(-math.log2(1e6), abs=1e-6)
-    assert measure.exposure_for(np.zeros((4, 4, 3))) == 0.0
-    floor, decades = measure.floor_for(image, image, 3.0, log=False)
+    assert difference.exposure_for(lamp) == pytest.approx(-2 / 3)  # one white pixel of 64, however bright
+    assert difference.exposure_for(np.where(lamp > 1, lamp, 0)) == pytest.approx(-math.log2(1e6), abs=1e-6)
+    assert difference.exposure_for(np.zeros((4, 4, 3))) == 0.0
+    floor, decades = difference.floor_for(image, image, 3.0, log=False)
     assert (floor, decades) == (0.01 / 8, 0)
-    assert measure.stops_between(image, image * 2, floor).mean() == pytest.approx(1.0, abs=0.02)
-    assert measure.stops_between(image * 0, image * 0, floor).max() == 0.0
+    assert difference.stops_between(image, image * 2, floor).mean() == pytest.approx(1.0, abs=0.02)
+    assert difference.stops_between(image * 0, image * 0, floor).max() == 0.0

@@ -10,10 +10,10 @@ import math
 
 import mitsuba as mi
 import pytest
-from sgtd.compare import side_text
+from sgtd.compare.comparison import side_text
 from sgtd.errors import UserError
-from sgtd.exchange import exchange, nearest_distribution, parse_settings
-from sgtd.scene_graph import read_scene
+from sgtd.scene.exchange import exchange, nearest_distribution, parse_settings
+from sgtd.scene.graph import read_scene
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import one_line
-from .variants import Probe, known_variants, probe
+from .scene.variants import Probe, known_variants, probe
 
 PLUGINS = ("sgtdconductor", "sgtddielectric")
 

@@ -7,15 +7,15 @@ measured twice: for the functions over arrays, and for images. How each number c
 ``shapes``         the shapes to measure, from ``--shape student:gamma=1.6``
 ``inputs``         random and hard arguments
 ``published``      formulas of other authors, the comparison lines
-``errors``         errors of masking, D and sampling against quadrature
+``function_errors`` errors of masking, D and sampling against quadrature
 ``precision``      a whole material in single precision against the core in double
-``stopwatch``      nanoseconds per call, in processes of their own with a fixed number of threads
+``function_timing`` nanoseconds per call, in processes of their own with a fixed number of threads
 ``scenes``         scenes with one shape and one setting each
 ``images``         bias, noise, equal samples and equal time
 ``advice``         which setting suffices, in numbers and in words
 ``study``          runs all of it
 ``tables``         the numbers as JSON, CSV and on the terminal; ``findings`` what they say in words
-``plots``          the figures, from ``plot_functions`` and ``plot_images``; ``canvas`` is what they share
+``plots``          the figures, from ``plot_functions`` and ``plot_images``; ``plot_style`` is what they share
 ``page``           ``report.html``; ``files`` the whole command
 =================  =============================================================================
 """

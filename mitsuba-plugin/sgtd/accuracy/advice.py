@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from . import DEFAULT_SETTING, setting_text
+from .function_timing import Timing
 from .images import ImageRow, ImageStudy
-from .stopwatch import Timing
 
 # Samples per pixel whose noise is compared with the bias.
 SAMPLES = (64, 1024, 16384)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..atomic_output import AtomicOutput
 from ..errors import UserError
-from ..staging import Staging
 from . import page, plots, study, tables
 
 REPORT = "report.html"
@@ -23,16 +23,16 @@ def make(
 ) -> study.Study:
     """Measures and writes ``report.html``, the plots, and the numbers as JSON and CSV into the folder."""
     _check_imports()
-    with Staging(folder) as staging:
+    with AtomicOutput(folder) as files:
         result = study.run(shapes, scenes, variants, parameters, seed, quick, steps)
         done = steps("writing", 1)
         main, functions, pictures = plots.draw_all(result)
         for plot in (main, *functions, *(plot for pair in pictures for plot in pair)):
-            staging.path(f"{plot.name}.png").write_bytes(plot.png)
-            staging.path(f"{plot.name}.svg").write_bytes(plot.svg)
+            files.path(f"{plot.name}.png").write_bytes(plot.png)
+            files.path(f"{plot.name}.svg").write_bytes(plot.svg)
         top = [functions[0], *(pair[0] for pair in pictures[:1])]
-        staging.path(REPORT).write_text(page.render(result, top, functions, pictures), encoding="utf-8")
-        tables.write(result, staging.path)
+        files.path(REPORT).write_text(page.render(result, top, functions, pictures), encoding="utf-8")
+        tables.write(result, files.path)
         done(1)
     return result
 

@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 
+from ..compare.difference import exposure_for, flip, luminance, to_display
 from ..errors import mitsuba_errors
-from ..measure import exposure_for, flip, luminance, to_display
-from ..render import sensor_of, to_rgb
+from ..scene.render import sensor_of, to_rgb
 from . import DEFAULT_SETTING
+from .function_timing import Timing
 from .scenes import SceneFile
 from .shapes import Shape
-from .stopwatch import Timing
 
 # Seeds of the renders at equal time, apart from those of the batches.
 _EQUAL_TIME_SEED = 10_000

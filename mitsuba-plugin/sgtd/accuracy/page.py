@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..measure import to_display
+from ..compare.difference import to_display
 from . import DEFAULT_SETTING, advice, findings, setting_text
-from .canvas import Plot, picture_png
-from .errors import Spread
+from .function_errors import Spread
+from .function_timing import Timing
 from .images import ImageRow, ImageStudy
-from .stopwatch import Timing
+from .plot_style import Plot, picture_png
 from .study import FunctionStudy, Study
 
 _TEMPLATE = "report.html.j2"

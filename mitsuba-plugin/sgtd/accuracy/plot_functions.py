@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 from . import setting_text
-from .canvas import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, wrapped
-from .errors import Spread
-from .stopwatch import Timing
+from .function_errors import Spread
+from .function_timing import Timing
+from .plot_style import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, wrapped
 from .study import FunctionStudy, Study
 
 # Errors at or below this are drawn at this: what double precision can tell.

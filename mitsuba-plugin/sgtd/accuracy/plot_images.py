@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from . import DEFAULT_SETTING, advice
-from .canvas import (
+from .images import ImageStudy
+from .plot_style import (
     BLUE,
     GREEN,
     INK,
@@ -23,7 +24,6 @@ from .canvas import (
     upright,
     wrapped,
 )
-from .images import ImageStudy
 from .study import Study
 
 # Errors of images below this are not drawn: rounding of the arithmetic.

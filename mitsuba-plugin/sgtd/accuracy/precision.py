@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import mitsuba_errors
-from .errors import DENSITY_FLOOR, Collector, Spread
+from .function_errors import DENSITY_FLOOR, Collector, Spread
 from .inputs import uniform
 from .shapes import Shape
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from .. import PLUGIN_DIR
 from ..errors import UserError, mitsuba_errors
-from ..exchange import PARTNERS, exchange
-from ..scene_graph import SceneGraph, read_scene
+from ..scene.exchange import PARTNERS, exchange
+from ..scene.graph import SceneGraph, read_scene
 from .shapes import Shape, make_shape
 
 # The scenes of the default report: highlights from a distance, and a floor seen along its length.

@@ -8,9 +8,9 @@ from typing import Any
 
 from .. import _core
 from ..errors import UserError
-from ..exchange import parse_settings
 from ..ndf import Ndf
-from .canvas import file_part
+from ..scene.exchange import parse_settings
+from .plot_style import file_part
 
 _PARAMETERS = ("gamma", "p", "lambda", "shift")
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
-from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, images, published, scenes, stopwatch
-from .errors import (
+from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, function_timing, images, published, scenes
+from .function_errors import (
     MaskingErrors,
     SamplingErrors,
     Spread,
@@ -72,19 +72,19 @@ class Study:
     quick: bool
     machine: dict[str, str]
     functions: list[FunctionStudy]
-    clocks: dict[int, stopwatch.Stopwatch]
+    clocks: dict[int, function_timing.FunctionTimes]
     images: list[images.ImageStudy]
     advice: list[advice.Advice]
     text: str
     seconds: float
 
     @property
-    def one(self) -> stopwatch.Stopwatch:
+    def one(self) -> function_timing.FunctionTimes:
         """The times on one core."""
         return self.clocks[1]
 
     @property
-    def all(self) -> stopwatch.Stopwatch:
+    def all(self) -> function_timing.FunctionTimes:
         """The times on all cores."""
         return self.clocks[max(self.clocks)]
 
@@ -125,7 +125,7 @@ def run(
         name = "times, 1 core" if threads == 1 else f"times, {threads} cores"
         advance = steps(name, effort.repetitions)
         texts = [shape.text for shape in measured]
-        clocks[threads] = stopwatch.measure(
+        clocks[threads] = function_timing.measure(
             texts, effort.settings, effort.orders, threads, effort.repetitions, seed, advance
         )
 
@@ -208,7 +208,9 @@ def _images(
     return found
 
 
-def _costs(shapes: list[Shape], settings: tuple[float, ...], clock: stopwatch.Stopwatch) -> dict[float, advice.Cost]:
+def _costs(
+    shapes: list[Shape], settings: tuple[float, ...], clock: function_timing.FunctionTimes
+) -> dict[float, advice.Cost]:
     costs = {}
     for setting in settings:
         keys = [(shape.text, str(setting)) for shape in shapes]

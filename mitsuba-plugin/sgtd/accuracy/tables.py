@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from . import advice, setting_text
-from .errors import MaskingErrors, Spread
+from .function_errors import MaskingErrors, Spread
+from .function_timing import Timing
 from .images import ImageRow, ImageStudy
-from .stopwatch import Timing
 from .study import FunctionStudy, Study
 
 FUNCTIONS_CSV = "functions.csv"

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..exchange import ORIGINALS
-from ..turns import Clock, ratios, render_clock
+from ..interleaved_timing import Clock, ratios, render_clock
+from ..scene.exchange import ORIGINALS
 from .material import Material
 
 _LANES = 1 << 18

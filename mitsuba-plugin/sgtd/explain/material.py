@@ -13,8 +13,8 @@ from typing import Any
 
 from .. import _core
 from ..errors import UserError
-from ..exchange import NUMBERS
-from ..scene_graph import SceneGraph
+from ..scene.exchange import NUMBERS
+from ..scene.graph import SceneGraph
 
 # Values that properties have when they are left out.
 DEFAULTS: Mapping[str, Any] = {

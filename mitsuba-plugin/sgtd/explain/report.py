@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..exchange import ORIGINALS
-from ..scene_graph import SceneGraph
+from ..scene.exchange import ORIGINALS
+from ..scene.graph import SceneGraph
 from .advice import advise, advise_scene
 from .cost import Cost, count_code_paths, measure_costs
 from .material import Material, explain_material

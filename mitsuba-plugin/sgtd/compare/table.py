@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Optional
 
-from .exchange import Pair
-from .measure import FLIP_PIXELS_PER_DEGREE, Comparison
-from .render import Rendering
+from ..scene.exchange import Pair
+from ..scene.render import Rendering
+from .difference import FLIP_PIXELS_PER_DEGREE, Comparison
 
 Number = Optional[float]
 

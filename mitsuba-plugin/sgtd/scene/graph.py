@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from .errors import UserError, mitsuba_errors
+from ..errors import UserError, mitsuba_errors
 
 # mi.parser.parse_file takes the scene's parameters as keyword arguments beside two of its own.
 _PARSER_ARGUMENTS = ("config", "filename")
@@ -101,7 +101,7 @@ def read_scene(path: Path, parameters: Mapping[str, str]) -> SceneGraph:
         state = mi.parser.parse_file(config, str(path), **parameters)
         mi.parser.transform_upgrade(config, state)
     for node in state.nodes:
-        # Samples are divided into passes here (render.py); a second division inside must not contradict it.
+        # Samples are divided into passes here (scene/render.py); a second division inside must not contradict it.
         if node.type == mi.ObjectType.Integrator and "samples_per_pass" in node.props:
             del node.props["samples_per_pass"]
     return SceneGraph(path, state, config, resolver)

@@ -23,8 +23,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Union
 
-from .errors import UserError
-from .scene_graph import SceneGraph
+from ..errors import UserError
+from .graph import SceneGraph
 
 # Mitsuba's plugins, and what each is exchanged for.
 PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}

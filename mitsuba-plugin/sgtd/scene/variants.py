@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import UserError, one_line
+from ..errors import UserError, one_line
 
 # What `sgtd render` and `sgtd compare` take when no variant is named: the first of these that works. The order is
 # Mitsuba's own ("the most capable variant whose backend is available, preferring an RGB color representation").

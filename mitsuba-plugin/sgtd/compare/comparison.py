@@ -1,16 +1,17 @@
-"""``sgtd compare``: one scene with Mitsuba's rough materials and with ours, side by side."""
+"""Both sides of a comparison: rendered with the same samples, measured, and written into a folder."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-from . import measure, picture
-from .exchange import Pair, exchange
-from .render import Progress, render, sample_count, save
-from .report import Report
-from .scene_graph import SceneGraph
-from .staging import Staging
+from ..atomic_output import AtomicOutput
+from ..scene.exchange import Pair, exchange
+from ..scene.graph import SceneGraph
+from ..scene.render import Progress, render, sample_count, save
+from .difference import compare_images
+from .figure import Labels, draw, ratio_text
+from .table import Report
 
 PICTURE = "comparison.png"
 FILES = ("left.exr", "right.exr", PICTURE, "comparison.csv", "comparison.json")
@@ -35,7 +36,7 @@ def compare_scene(
 
     pair = exchange(graph, settings)
     steps = steps or _silent
-    with Staging(folder) as staging:
+    with AtomicOutput(folder) as files:
         # Both are built before any rendering, so that a refused shape shows at once.
         scenes = [pair.left.build(), pair.right.build()]
         count = sample_count(scenes[0], sensor, spp)
@@ -43,7 +44,7 @@ def compare_scene(
         del scenes
 
         done = steps("comparing", 2)
-        result = measure.compare(left, right, exposure, log)
+        result = compare_images(left, right, exposure, log)
         done(1)
         size = left.bitmap.size()
         report = Report(
@@ -60,27 +61,27 @@ def compare_scene(
             result=result,
         )
         for name, rendering in (("left.exr", left), ("right.exr", right)):
-            save(rendering.bitmap, staging.path(name))
-        picture.draw(staging.path(PICTURE), left.rgb(), right.rgb(), result, labels(report))
-        report.write_csv(staging.path("comparison.csv"))
-        report.write_json(staging.path("comparison.json"))
+            save(rendering.bitmap, files.path(name))
+        draw(files.path(PICTURE), left.rgb(), right.rgb(), result, labels(report))
+        report.write_csv(files.path("comparison.csv"))
+        report.write_json(files.path("comparison.json"))
         done(1)
     return report
 
 
-def labels(report: Report) -> picture.Labels:
+def labels(report: Report) -> Labels:
     """The words of the picture."""
     result, left, right = report.result, report.left, report.right
     numbers = (
         f"Mean luminance {result.mean_left:.4g} and {result.mean_right:.4g} "
-        f"({picture.ratio_text(result.mean_right, result.mean_left)}).  RMSE {result.rmse:.3g}"
+        f"({ratio_text(result.mean_right, result.mean_left)}).  RMSE {result.rmse:.3g}"
     )
     if result.rmse_noise is not None:
         numbers += f" (noise alone {result.rmse_noise:.2g}, beyond noise {result.rmse_beyond_noise:.3g})"
     numbers += f".  Time {left.seconds:.3g} s and {right.seconds:.3g} s without compiling."
     if report.verdict():
         numbers += "  " + report.verdict()
-    return picture.Labels(
+    return Labels(
         title=f"{report.scene.name}: the same materials and roughness, another distribution of microfacets",
         left=side_text(report.pair, "left"),
         right=side_text(report.pair, "right"),

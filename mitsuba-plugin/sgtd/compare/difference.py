@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import UserError
-from .render import Rendering
+from ..errors import UserError
+from ..scene.render import Rendering
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -135,7 +135,7 @@ def flip(reference: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
     return error_map[..., 0], float(mean)
 
 
-def compare(left: Rendering, right: Rendering, exposure: float | None = None, log: bool = False) -> Comparison:
+def compare_images(left: Rendering, right: Rendering, exposure: float | None = None, log: bool = False) -> Comparison:
     """Compares two renderings of the same size; without an exposure, the left one decides."""
     a, b = left.rgb(), right.rgb()
     if a.shape != b.shape:

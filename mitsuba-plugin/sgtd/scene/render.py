@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import UserError, mitsuba_errors
-from .scene_graph import SceneGraph
-from .staging import Staging
+from ..atomic_output import AtomicOutput
+from ..errors import UserError, mitsuba_errors
+from .graph import SceneGraph
 
 # Samples in one pass. More would hold more in memory (a JIT variant about 100 bytes for each) and report progress
 # more rarely; fewer would spend a larger part on starting passes (about 5 ms each).
@@ -192,9 +192,9 @@ def render_file(
         raise UserError(f"{output}: the name must end in {' or '.join(IMAGE_ENDINGS)}")
     if output.is_dir():
         raise UserError(f"{output} is a folder: give the name of an image file")
-    with Staging(output.parent) as staging:
+    with AtomicOutput(output.parent) as files:
         scene = graph.build()
         count = sample_count(scene, sensor, spp)
         (result,) = render([scene], sensor, count, started(count))
-        save(result.bitmap, staging.path(output.name))
+        save(result.bitmap, files.path(output.name))
     return result

@@ -1,7 +1,7 @@
 """Nanoseconds per call, table bytes and build times, measured in a process of its own.
 
 The number of threads of the core is fixed when a process starts, so each number of threads has its own process:
-``python -m sgtd.accuracy.stopwatch`` reads a job from its input and writes one line per repetition. Everything that is
+``python -m sgtd.accuracy.function_timing`` reads a job from its input and writes one line per repetition. Everything that is
 measured takes its turn in every repetition, in an order drawn anew, so that whatever else the machine does falls on
 all of it alike.
 """
@@ -46,7 +46,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Stopwatch:
+class FunctionTimes:
     """What one process measured; keys are (shape, function, way)."""
 
     threads: int
@@ -64,7 +64,7 @@ def measure(
     repetitions: int,
     seed: int,
     progress: Callable[[int], None],
-) -> Stopwatch:
+) -> FunctionTimes:
     """Runs the process for one number of threads."""
     job = {
         "shapes": shapes,
@@ -76,7 +76,7 @@ def measure(
     }
     # One pool alone: NumPy's own threads would disturb.
     environment = {**os.environ, "RAYON_NUM_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "sgtd.accuracy.stopwatch"]
+    command = [sys.executable, "-m", "sgtd.accuracy.function_timing"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
         try:
@@ -99,7 +99,7 @@ def measure(
     def unpack(entries: list[Any], convert: Callable[[Any], Any]) -> dict[Any, Any]:
         return {tuple(entry[:-1]): convert(entry[-1]) for entry in entries}
 
-    return Stopwatch(
+    return FunctionTimes(
         threads=threads,
         nanoseconds=unpack(answer["nanoseconds"], Timing.of),
         build_seconds=unpack(answer["build"], Timing.of),

@@ -17,11 +17,11 @@ from .errors import UserError, os_reason
 
 
 @final
-class Staging:
+class AtomicOutput:
     """A set of files for one folder::
 
-    with Staging(folder) as staging:
-        write_something(staging.path("left.exr"))
+    with AtomicOutput(folder) as files:
+        write_something(files.path("left.exr"))
     # here left.exr exists, unless an exception passed through
     """
 
@@ -37,7 +37,7 @@ class Staging:
         self._names[temporary] = self.folder / name
         return temporary
 
-    def __enter__(self) -> Staging:
+    def __enter__(self) -> AtomicOutput:
         try:
             self._make_folder()
             probe = self.path("probe")

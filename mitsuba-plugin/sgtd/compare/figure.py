@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .measure import (
+from .difference import (
     EXPOSURE_TARGET,
     FLIP_PIXELS_PER_DEGREE,
     STOPS_FLOOR,

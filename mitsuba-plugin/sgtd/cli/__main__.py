@@ -1,0 +1,5 @@
+"""``python -m sgtd.cli``."""
+
+from .entry import main
+
+main()

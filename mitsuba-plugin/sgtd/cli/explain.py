@@ -1,0 +1,51 @@
+"""``sgtd explain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import DEFINE, SCENE, VARIANT
+from .session import Bars, console_for_tables, start_mitsuba
+
+
+@click.command("explain", short_help="Say what each material costs, why, and what would be cheaper.")
+@SCENE
+@VARIANT
+@DEFINE
+@click.option("--json", "as_json", is_flag=True, help="Write JSON instead of tables.")
+@click.option(
+    "--repetitions",
+    type=click.IntRange(min=0),
+    default=9,
+    show_default=True,
+    help="Pairs of timings per kind of material; 0 measures no time.",
+)
+def explain_command(
+    scene: Path, variant: str | None, parameters: dict[str, str], as_json: bool, repetitions: int
+) -> None:
+    """Say what each material of a scene costs, why, and what would be cheaper.
+
+    For every material of this family: the node of the family's tree at which it runs, the effects that it has, its
+    tables, and its time against roughconductor, measured now. For the scene: how many code paths its materials have.
+
+    \b
+    Examples:
+      sgtd explain my_scene.xml
+      sgtd explain scenes/spheres.xml -D bsdf=sgtdconductor -D distribution=student
+      sgtd explain my_scene.xml --variant scalar_rgb --json
+    """
+    import json
+
+    from ..explain.report import as_dict, explain, print_explanation
+    from ..scene.graph import read_scene
+
+    start_mitsuba(variant)
+    graph = read_scene(scene, parameters)
+    with Bars() as bars:
+        explanation = explain(graph, repetitions, bars.add)
+    if as_json:
+        click.echo(json.dumps(as_dict(explanation), indent=2, allow_nan=False))
+    else:
+        print_explanation(explanation, console_for_tables())

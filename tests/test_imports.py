@@ -1,0 +1,79 @@
+"""The rooms of the package: imports go down only, and in no circle."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from pathlib import Path
+
+import pytest
+import sgtd
+
+PACKAGE = Path(sgtd.__file__).parent
+
+# Ground floor first; a room imports from its own and from those before it.
+FLOORS = (
+    ("_core", "errors", "interleaved_timing"),
+    ("atomic_output", "ndf"),
+    ("scene",),
+    ("compare",),
+    ("explain", "accuracy", "doctor"),
+    ("cli",),
+)
+
+
+def modules() -> list[str]:
+    paths = [path.relative_to(PACKAGE).with_suffix("") for path in PACKAGE.rglob("*.py") if "scenes" not in path.parts]
+    return sorted(".".join(path.parts).removesuffix("__init__").rstrip(".") for path in paths)
+
+
+@functools.cache
+def imports(module: str) -> frozenset[str]:
+    """The modules of the package that a module names in its imports, those inside functions too ("" is the package)."""
+    path = PACKAGE.joinpath(*module.split(".")) if module else PACKAGE
+    is_package = path.is_dir()
+    source = (path / "__init__.py") if is_package else path.with_suffix(".py")
+    known, found = set(modules()) | {"_core"}, set()
+    here = [part for part in module.split(".") if part]
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name.split(".", 1) for alias in node.names if alias.name.split(".")[0] == "sgtd"]
+            found.update(name[1] if len(name) > 1 else "" for name in names)
+        if isinstance(node, ast.ImportFrom) and node.level:
+            up = node.level - is_package
+            base = [*here[: len(here) - up], *(node.module.split(".") if node.module else [])]
+            for alias in node.names:
+                inner = ".".join([*base, alias.name])
+                found.add(inner if inner in known else ".".join(base))
+    return frozenset(found - {module})
+
+
+def floor(module: str) -> int:
+    room = module.split(".")[0]
+    return next(number for number, rooms in enumerate(FLOORS) if room in rooms)
+
+
+def test_every_module_has_a_floor():
+    assert {module.split(".")[0] for module in modules() if module} <= {room for rooms in FLOORS for room in rooms}
+
+
+@pytest.mark.parametrize("module", [module for module in modules() if module])
+def test_imports_go_down(module):
+    # The package itself is no room: commands ask it for its release and its search path.
+    up = [other for other in imports(module) if other and floor(other) > floor(module)]
+    beside = [o for o in imports(module) if o and floor(o) == floor(module) and o.split(".")[0] != module.split(".")[0]]
+    assert not up and not beside
+
+
+def test_no_circles():
+    done: set[str] = set()
+
+    def visit(module: str, above: tuple[str, ...]) -> None:
+        assert module not in above, " -> ".join([*above[above.index(module) :], module])
+        if module not in done:
+            for other in sorted(imports(module) - {"_core", ""}):
+                visit(other, (*above, module))
+            done.add(module)
+
+    for module in modules():
+        visit(module, ())
