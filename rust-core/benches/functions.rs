@@ -4,9 +4,9 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DVec3;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
 use std::hint::black_box;
 
 fn functions(criterion: &mut Criterion) {

@@ -3,13 +3,13 @@
 //! `cargo bench --bench ratios`; the targets stand in the README.
 
 use glam::DVec3;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness};
+use sgtd_core::numerics::quadrature::gauss;
 use sgtd_core::profile::Profile;
-use sgtd_core::quadrature::gauss;
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
-use sgtd_core::visible_table::VisibleTable;
+use sgtd_core::sampling::visible_table::VisibleTable;
 use std::hint::black_box;
 use std::time::Instant;
 

@@ -4,15 +4,15 @@
 //! because a panic would end the process.
 #![allow(unsafe_code, missing_docs)] // cxx generates both
 
-use crate::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use crate::error::ParameterError;
-use crate::lambda_table::ENTRIES;
+use crate::family::shape::{Row, Shape as CoreShape};
+use crate::family::skewed_t::SkewedT;
+use crate::family::tree::Node as CoreNode;
+use crate::masking::table::ENTRIES;
 use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
 use crate::profile::Profile;
-use crate::shape::{Row, Shape as CoreShape};
-use crate::skewed_t::SkewedT;
-use crate::tree::Node as CoreNode;
-use crate::visible_table::CELLS;
+use crate::sampling::visible_table::CELLS;
+use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use glam::DVec3;
 use rayon::prelude::*;
 

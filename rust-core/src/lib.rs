@@ -21,41 +21,29 @@
 //!
 //! | what | equations | where |
 //! |---|---|---|
-//! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`shape::Shape`], [`shape::ROWS`] |
-//! | the tree of special cases | Figure 1 | [`tree::Node`] |
-//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`partial_moment::Side::g`], [`profile::Profile::f`] |
+//! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`family::shape::Shape`], [`family::shape::ROWS`] |
+//! | the tree of special cases | Figure 1 | [`family::tree::Node`] |
+//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`family::partial_moment::Side::g`], [`profile::Profile::f`] |
 //! | normalization A | 5–6, 15, 26–27, 30, 33, 37–38, 42 | [`profile::Profile::normalization`] |
 //! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] |
 //! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` |
 //! | masking Λ, G1, G2 | 10–12 | [`masking::MaskingIntegral::at`], [`ndf::Ndf::lambda`], [`ndf::Ndf::g2`] |
-//! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`student::StudentMasking`] |
+//! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`family::student::StudentMasking`] |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
-//! | losses of single scattering | – | [`albedo::SingleScattering::loss`], [`albedo_table::AlbedoTable`] |
-//! | walks on the microsurface | – | [`random_walk::RandomWalk`] |
-//! | sampling of visible normals | – | [`visible_table::VisibleTable`], [`azimuth::Azimuth`], [`ndf::Ndf::sample_visible`] |
+//! | losses of single scattering | – | [`scattering::albedo::SingleScattering::loss`], [`scattering::albedo_table::AlbedoTable`] |
+//! | walks on the microsurface | – | [`scattering::random_walk::RandomWalk`] |
+//! | sampling of visible normals | – | [`sampling::visible_table::VisibleTable`], [`sampling::azimuth::Azimuth`], [`ndf::Ndf::sample_visible`] |
 //!
-//! # One way through the modules
-//! [`shape`] (with its [`tree`]) → [`partial_moment`] (on [`exponent`], [`gamma_ratio`]) → [`skewed_t`] behind the trait [`profile::Profile`] → [`masking`]
-//! → [`lambda_table`], [`visible_table`] → [`ndf`] → [`albedo`] → [`albedo_table`] → [`bridge`]; [`random_walk`] stands on [`ndf`]. Nothing from [`masking`] on knows which profile it serves.
+//! # One way through the rooms
+//! [`error`] and [`numerics`] → [`profile`] (the trait) → [`family`] (this family behind it) → [`masking`] → [`sampling`] → [`ndf`] → [`scattering`]
+//! → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
 
-pub mod albedo;
-pub mod albedo_table;
-pub mod azimuth;
 pub mod bridge;
 pub mod error;
-pub mod exponent;
-pub mod gamma_ratio;
-mod hermite;
-pub mod invert;
-pub mod lambda_table;
+pub mod family;
 pub mod masking;
 pub mod ndf;
-pub mod partial_moment;
+pub mod numerics;
 pub mod profile;
-pub mod quadrature;
-pub mod random_walk;
-pub mod shape;
-pub mod skewed_t;
-pub mod student;
-pub mod tree;
-pub mod visible_table;
+pub mod sampling;
+pub mod scattering;

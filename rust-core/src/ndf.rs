@@ -3,12 +3,12 @@
 //! Directions are unit vectors in the local frame, z along the geometric normal; ω_i points to the viewer, ω_o to the light,
 //! m is the microfacet normal. D and pdf are densities per solid angle of m; ∫ D cos θ_m dω_m = 1.
 
-use crate::azimuth::Azimuth;
 use crate::error::{ParameterError, require};
-use crate::lambda_table::{FINEST_SINGLE, LambdaTable};
+use crate::masking::table::{FINEST_SINGLE, LambdaTable};
 use crate::masking::{MaskingIntegral, Rule};
 use crate::profile::Profile;
-use crate::visible_table::VisibleTable;
+use crate::sampling::azimuth::Azimuth;
+use crate::sampling::visible_table::VisibleTable;
 use glam::DVec3;
 use std::f64::consts::PI;
 

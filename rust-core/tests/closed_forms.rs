@@ -9,9 +9,9 @@ mod oracle;
 use cases::{Case, LIST, direction};
 use glam::DVec3;
 use oracle::Oracle;
-use sgtd_core::masking::{Masking, MaskingIntegral, Rule};
+use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness};
-use sgtd_core::profile::Profile;
+use sgtd_core::profile::{Masking, Profile};
 use statrs::function::{beta, erf, gamma};
 use std::f64::consts::{FRAC_2_SQRT_PI, PI};
 

@@ -7,15 +7,15 @@
 mod cases;
 
 use cases::Case;
-use sgtd_core::exponent::Exponent;
-use sgtd_core::gamma_ratio::scaled_gamma_ratio;
-use sgtd_core::lambda_table::{ENTRIES, LambdaTable};
+use sgtd_core::family::partial_moment::{Radius, Side};
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
+use sgtd_core::masking::table::{ENTRIES, LambdaTable};
 use sgtd_core::masking::{MaskingIntegral, Rule};
-use sgtd_core::partial_moment::{Radius, Side};
+use sgtd_core::numerics::exponent::Exponent;
+use sgtd_core::numerics::gamma_ratio::scaled_gamma_ratio;
 use sgtd_core::profile::Profile;
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
-use sgtd_core::visible_table::{CELLS, VisibleTable};
+use sgtd_core::sampling::visible_table::{CELLS, VisibleTable};
 
 const INF: f64 = f64::INFINITY;
 
@@ -311,7 +311,7 @@ fn visible_table_across_its_cells_and_rows() {
 /// The lowest row of the family that a shape belongs to gives the same numbers as every row above it.
 #[test]
 fn rows_agree_at_their_common_nodes() {
-    use sgtd_core::shape::Row;
+    use sgtd_core::family::shape::Row;
     let row = |name: &str, gamma, p, lambda, shift| {
         let row = Row::named(name).unwrap_or_else(|error| panic!("{error}"));
         row.shape(gamma, p, lambda, Some(shift)).unwrap_or_else(|error| panic!("{name}: {error}"))

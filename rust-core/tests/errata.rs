@@ -1,12 +1,12 @@
 //! Every erratum of `docs/errata.md`: the printed form is off, ours agrees with direct integration.
 
 use glam::DVec3;
-use sgtd_core::gamma_ratio::gamma;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, Roughness};
+use sgtd_core::numerics::gamma_ratio::gamma;
+use sgtd_core::numerics::quadrature::gauss;
 use sgtd_core::profile::Profile;
-use sgtd_core::quadrature::gauss;
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
 use std::f64::consts::PI;
 
 fn profile(gamma: f64, p: f64, lambda: f64, shift: f64) -> SkewedT {

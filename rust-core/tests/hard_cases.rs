@@ -9,10 +9,10 @@ mod oracle;
 use cases::{Case, LIST, direction};
 use glam::DVec3;
 use oracle::Oracle;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, NormalSample, Roughness, Shadowing};
 use sgtd_core::profile::Profile;
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 const INF: f64 = f64::INFINITY;

@@ -10,8 +10,8 @@ use cases::{Case, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
+use sgtd_core::numerics::quadrature::gauss;
 use sgtd_core::profile::{Profile, Tail};
-use sgtd_core::quadrature::gauss;
 use std::f64::consts::PI;
 
 /// Permitted error of laws at accuracy 0.

@@ -5,10 +5,12 @@ mod cases;
 use cases::{Case, LIST, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
-use sgtd_core::albedo::{Rule, SingleScattering, View};
-use sgtd_core::albedo_table::{AVERAGE, AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA, PACKET};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
-use sgtd_core::random_walk::RandomWalk;
+use sgtd_core::scattering::albedo::{Rule, SingleScattering, View};
+use sgtd_core::scattering::albedo_table::{
+    AVERAGE, AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA, PACKET,
+};
+use sgtd_core::scattering::random_walk::RandomWalk;
 use std::f64::consts::PI;
 
 const MODES: [Shadowing; 2] = [Shadowing::Separable, Shadowing::HeightCorrelated];

@@ -5,8 +5,8 @@ mod cases;
 
 use cases::{Case, LIST, Random};
 use sgtd_core::ndf::Ndf;
+use sgtd_core::numerics::quadrature::gauss;
 use sgtd_core::profile::{Profile, Tail};
-use sgtd_core::quadrature::gauss;
 
 fn all_shapes() -> Vec<Case> {
     let mut shapes = LIST.to_vec();

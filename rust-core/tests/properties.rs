@@ -9,11 +9,11 @@ use cases::{Random, direction};
 use glam::DVec3;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::profile::Profile;
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Evenly in the logarithm.

@@ -7,9 +7,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, NormalSample, Roughness};
+use sgtd_core::numerics::quadrature::gauss;
 use sgtd_core::profile::Profile;
-use sgtd_core::quadrature::gauss;
-use sgtd_core::visible_table::{CELLS, VisibleTable};
+use sgtd_core::sampling::visible_table::{CELLS, VisibleTable};
 use statrs::function::gamma::gamma_ur;
 use std::f64::consts::PI;
 

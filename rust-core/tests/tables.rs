@@ -4,10 +4,10 @@ mod cases;
 
 use cases::{Case, LIST, Random};
 use rayon::prelude::*;
-use sgtd_core::lambda_table::{ENTRIES, FINEST_SINGLE, LambdaTable};
+use sgtd_core::masking::table::{ENTRIES, FINEST_SINGLE, LambdaTable};
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness};
-use sgtd_core::visible_table::{BLOCK, CELLS, LIST_SIZE, ROW_SIZE, ROWS};
+use sgtd_core::sampling::visible_table::{BLOCK, CELLS, LIST_SIZE, ROW_SIZE, ROWS};
 
 const ACCURACIES: [f64; 10] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10];
 

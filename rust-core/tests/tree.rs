@@ -3,11 +3,11 @@
 mod cases;
 
 use cases::{Case, LIST, direction};
+use sgtd_core::family::shape::{Row, Shape};
+use sgtd_core::family::skewed_t::SkewedT;
+use sgtd_core::family::tree::{Node, nodes};
 use sgtd_core::ndf::{Ndf, Roughness};
 use sgtd_core::profile::Profile;
-use sgtd_core::shape::{Row, Shape};
-use sgtd_core::skewed_t::SkewedT;
-use sgtd_core::tree::{Node, nodes};
 use std::collections::BTreeSet;
 
 const INF: f64 = f64::INFINITY;

@@ -3,10 +3,10 @@
 mod cases;
 
 use sgtd_core::error::ParameterError;
+use sgtd_core::family::shape::{ROWS, Row, Shape};
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, Roughness};
 use sgtd_core::profile::Profile;
-use sgtd_core::shape::{ROWS, Row, Shape};
-use sgtd_core::skewed_t::SkewedT;
 
 const INF: f64 = f64::INFINITY;
 const NAN: f64 = f64::NAN;

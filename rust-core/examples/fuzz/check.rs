@@ -1,9 +1,9 @@
 //! One fuzzed input: raw bytes to parameters, and what must hold for whatever the core accepts.
 
 use glam::DVec3;
+use sgtd_core::family::shape::Shape;
+use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, NormalSample, Roughness, Shadowing};
-use sgtd_core::shape::Shape;
-use sgtd_core::skewed_t::SkewedT;
 
 /// xorshift64* (Vigna 2016).
 #[derive(Debug, Clone)]

@@ -9,17 +9,22 @@ fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
-/// Texts of all Rust files below a folder, with their names.
+/// Texts of all Rust files below a folder, with their names as modules.
 fn sources(folder: &Path) -> Vec<(String, String)> {
+    sources_below(folder, "")
+}
+
+fn sources_below(folder: &Path, room: &str) -> Vec<(String, String)> {
     let mut found = Vec::new();
     let entries = fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
     for entry in entries {
         let path = entry.unwrap_or_else(|error| panic!("{}: {error}", folder.display())).path();
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let name = if stem == "mod" { room.trim_end_matches("::").to_owned() } else { format!("{room}{stem}") };
         if path.is_dir() {
-            found.extend(sources(&path));
+            found.extend(sources_below(&path, &format!("{name}::")));
         } else if path.extension().is_some_and(|extension| extension == "rs") {
             let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             found.push((name, text));
         }
     }
@@ -44,7 +49,7 @@ fn implemented(line: &str) -> Option<String> {
     name_after(rest, " ")
 }
 
-/// `file::Type::function` of everything public, the methods of public traits included.
+/// `room::file::Type::function` of everything public, the methods of public traits included.
 pub fn public_functions() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (file, text) in sources(&folder("src")) {

@@ -2,8 +2,8 @@
 
 use super::{Record, Source, oracle, over_shapes, references, slopes};
 use crate::cases::Case;
-use sgtd_core::masking::{Masking, MaskingIntegral, Rule};
-use sgtd_core::profile::Profile;
+use sgtd_core::masking::{MaskingIntegral, Rule};
+use sgtd_core::profile::{Masking, Profile};
 use std::f64::consts::FRAC_2_PI;
 
 /// One argument in so many is integrated, to keep the time within bounds; which ones changes from shape to shape.

@@ -4,9 +4,9 @@ use super::{Record, Source, over_shapes};
 use crate::cases::{Case, Random};
 use crate::oracle::Oracle;
 use crate::oracle::double_double::Dd;
-use sgtd_core::exponent::Exponent;
-use sgtd_core::gamma_ratio;
-use sgtd_core::partial_moment::{Radius, Side, Width};
+use sgtd_core::family::partial_moment::{Radius, Side, Width};
+use sgtd_core::numerics::exponent::Exponent;
+use sgtd_core::numerics::gamma_ratio;
 
 fn centered(case: Case) -> Oracle {
     Oracle { gamma: case.gamma, p: case.p, lambda: 0.0, m: 0.0 }

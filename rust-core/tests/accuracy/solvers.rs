@@ -3,9 +3,9 @@
 use super::{Record, Source};
 use crate::cases::Random;
 use crate::oracle;
-use sgtd_core::azimuth::Azimuth;
-use sgtd_core::invert::{self, Monotone};
-use sgtd_core::quadrature::gauss;
+use sgtd_core::numerics::invert::{self, Monotone};
+use sgtd_core::numerics::quadrature::gauss;
+use sgtd_core::sampling::azimuth::Azimuth;
 use std::f64::consts::PI;
 
 /// `∫_a^b x^k dx` for all k that an n-point rule integrates exactly.

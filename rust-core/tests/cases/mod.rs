@@ -3,8 +3,8 @@
 #![allow(dead_code)] // every test crate uses a part of it
 
 use glam::DVec3;
-use sgtd_core::shape::{ROWS, Shape};
-use sgtd_core::skewed_t::SkewedT;
+use sgtd_core::family::shape::{ROWS, Shape};
+use sgtd_core::family::skewed_t::SkewedT;
 use std::f64::consts::PI;
 
 /// Four shape parameters, not yet validated.

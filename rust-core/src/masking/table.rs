@@ -6,9 +6,9 @@
 //! argument is out of range. Cells are the cubic polynomials that match H and H′ = −S at both ends, written in the distance
 //! from the left end. All octaves below the first share one cell that begins at 0, those above the last one a constant.
 
-use crate::hermite;
-use crate::masking::{Masking, MaskingIntegral};
-use crate::profile::Profile;
+use crate::masking::MaskingIntegral;
+use crate::numerics::hermite;
+use crate::profile::{Masking, Profile};
 
 /// H tabulated.
 #[derive(Debug, Clone)]

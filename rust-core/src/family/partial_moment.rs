@@ -7,9 +7,9 @@
 //! Everything is written as prefix `R^k g(R)` times a ratio of order one, so that tails of 1e-290 keep all
 //! their digits; the complement comes from its own expansion, never from `1 − J`.
 
-use crate::exponent::Exponent;
-use crate::gamma_ratio::{gamma, scaled_gamma_ratio};
-use crate::shape::INFINITE_GAMMA;
+use crate::family::shape::INFINITE_GAMMA;
+use crate::numerics::exponent::Exponent;
+use crate::numerics::gamma_ratio::{gamma, scaled_gamma_ratio};
 
 /// The width 1 ± λ of one side, with its rounding error.
 #[derive(Debug, Clone, Copy, PartialEq)]

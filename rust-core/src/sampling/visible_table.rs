@@ -11,8 +11,9 @@
 //! relative accuracy in single precision, and because 1 − u is exact for a single-precision u.
 
 use crate::masking::MaskingIntegral;
+use crate::masking::smith_kernel::bracket;
+use crate::numerics::quadrature::gauss;
 use crate::profile::Profile;
-use crate::quadrature::gauss;
 use std::f64::consts::PI;
 
 /// Number of cells in ρ².
@@ -316,7 +317,7 @@ impl View {
     /// `[π a + k(ρ, a)]/(a + b)`, finite for every a.
     fn kernel(&self, rho: f64) -> f64 {
         let Some(a) = self.cotangent() else { return PI };
-        let k = if rho > a { crate::masking::bracket(a, rho, rho - a).0 } else { 0.0 };
+        let k = if rho > a { bracket(a, rho, rho - a).0 } else { 0.0 };
         (PI * a + k) / (a + self.scale)
     }
 }

@@ -9,9 +9,9 @@
 //! Λ = H/q then is `K (γ−1+q²)^(3/2−γ)/((2γ−3) q) − ½ I_y(γ−1, ½)` with `y = (γ−1)/(γ−1+q²)`, and
 //! `e^(−q²)/(2q√π) − ½ erfc(q)` for Beckmann.
 
-use crate::masking::Masking;
-use crate::partial_moment::{Radius, Side};
-use crate::shape::Shape;
+use crate::family::partial_moment::{Radius, Side};
+use crate::family::shape::Shape;
+use crate::profile::Masking;
 
 /// The constants of one γ.
 #[derive(Debug, Clone, Copy)]

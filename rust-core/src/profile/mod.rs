@@ -3,7 +3,14 @@
 //! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
 
-use crate::masking::Masking;
+/// `H(q)` and `S(q)` of one profile at one argument.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Masking {
+    /// H(q), Λ = H/q.
+    pub h: f64,
+    /// S(q) = −H′(q), the share of directional slopes above q.
+    pub s: f64,
+}
 
 /// How a profile ends.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,13 +2,12 @@
 //!
 //! Source: Ribardière et al. 2019, Eq. 1–6, in the parametrisation of [`Shape`].
 
-use crate::invert::{self, Monotone};
-use crate::masking::Masking;
-use crate::partial_moment::{Radius, Side, Width};
-use crate::profile::{Profile, Tail};
-use crate::quadrature::gauss;
-use crate::shape::Shape;
-use crate::student::StudentMasking;
+use crate::family::partial_moment::{Radius, Side, Width};
+use crate::family::shape::Shape;
+use crate::family::student::StudentMasking;
+use crate::numerics::invert::{self, Monotone};
+use crate::numerics::quadrature::gauss;
+use crate::profile::{Masking, Profile, Tail};
 
 /// The SGTD profile at unit roughness.
 #[derive(Debug, Clone)]

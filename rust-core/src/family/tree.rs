@@ -14,7 +14,7 @@
 //!
 //! Source: Ribardière et al. 2019, Figure 1 and Table 1.
 
-use crate::shape::{INFINITE_GAMMA, ROWS, Row, Shape};
+use crate::family::shape::{INFINITE_GAMMA, ROWS, Row, Shape};
 
 /// A shape with everything taken out of it that another node says with fewer parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -15,11 +15,11 @@
 //! The average `1 − E_avg = ∫ (1 − E) cos θ dω/π` is that of the *tabulated* E. So what a lobe made from the table returns is all that the
 //! table says is lost: a furnace is off by the error of E at the view, and by no more.
 
-use crate::albedo::{Rule, SingleScattering, View};
-use crate::hermite;
 use crate::ndf::{Ndf, Roughness, Shadowing};
+use crate::numerics::hermite;
+use crate::numerics::quadrature::gauss;
 use crate::profile::Tail;
-use crate::quadrature::gauss;
+use crate::scattering::albedo::{Rule, SingleScattering, View};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::LN_2;

@@ -7,10 +7,10 @@
 //! the origin. So for every azimuth ψ of the stretched slope the radius runs from 0 to one end that depends smoothly on ψ, and no rule
 //! sees the kink at the horizon. What is integrated is the loss, a sum of positive terms: it keeps its digits where E is almost 1.
 
-use crate::hermite;
 use crate::ndf::{Ndf, Roughness, Shadowing};
+use crate::numerics::hermite;
+use crate::numerics::quadrature::gauss;
 use crate::profile::{Profile, Tail};
-use crate::quadrature::gauss;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 

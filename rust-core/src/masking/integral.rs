@@ -10,18 +10,10 @@
 //! moments (the kernel is a power series in q/ρ there), panels nearer than that through their nodes, and only
 //! the piece that starts at q, where the kernel begins like (ρ−q)^(3/2), samples the profile anew.
 
-use crate::profile::{Profile, Tail};
-use crate::quadrature::gauss;
+use crate::masking::smith_kernel::bracket;
+use crate::numerics::quadrature::gauss;
+use crate::profile::{Masking, Profile, Tail};
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
-
-/// `H(q)` and `S(q)` of one profile at one argument.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Masking {
-    /// H(q), Λ = H/q.
-    pub h: f64,
-    /// S(q) = −H′(q), the share of directional slopes above q.
-    pub s: f64,
-}
 
 /// How fine the quadrature is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -284,21 +276,4 @@ fn panel_edges(profile: &dyn Profile, depth: f64) -> Vec<f64> {
         }
     }
     edges
-}
-
-/// `√(ρ²−q²) − q acos(q/ρ)` and `acos(q/ρ)`, with `past = ρ − q`.
-///
-/// With t = tan ψ = √(ρ²−q²)/q the bracket is q (t − atan t), which cancels for small t: at t = 0.01 four digits are
-/// lost, so its series is used below a quarter.
-pub(crate) fn bracket(q: f64, rho: f64, past: f64) -> (f64, f64) {
-    let height = (past * (rho + q)).sqrt();
-    let angle = height.atan2(q);
-    if height < 0.25 * q {
-        let t = height / q;
-        let w = t * t;
-        let series = (0..12).rev().fold(0.0, |sum, k| 1.0 / f64::from(2 * k + 3) - w * sum);
-        (height * w * series, angle)
-    } else {
-        (height - q * angle, angle)
-    }
 }

@@ -1,0 +1,7 @@
+//! The SGTD family: its parameters and rows, the tree of special cases, and its profile in closed form.
+
+pub mod partial_moment;
+pub mod shape;
+pub mod skewed_t;
+pub mod student;
+pub mod tree;

@@ -1,0 +1,4 @@
+//! Drawing visible normals: the radius from a table, the azimuth from an equation.
+
+pub mod azimuth;
+pub mod visible_table;
