@@ -191,8 +191,8 @@ double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {
     return m_impl->core->d(alpha_u, alpha_v, to_core(m));
 }
 
-double Ndf::facing_area(double alpha_u, double alpha_v, const Vec3 &w) const {
-    return m_impl->core->facing_area(alpha_u, alpha_v, to_core(w));
+double Ndf::projected_area(double alpha_u, double alpha_v, const Vec3 &w) const {
+    return m_impl->core->projected_area(alpha_u, alpha_v, to_core(w));
 }
 
 double Ndf::pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const {

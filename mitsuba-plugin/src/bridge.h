@@ -116,7 +116,7 @@ public:
     Tables tables() const;
 
     double d(double alpha_u, double alpha_v, const Vec3 &m) const;
-    double facing_area(double alpha_u, double alpha_v, const Vec3 &w) const;
+    double projected_area(double alpha_u, double alpha_v, const Vec3 &w) const;
     double pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const;
     NormalSample sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
                         bool visible) const;

@@ -76,9 +76,9 @@ public:
      * Finite where Lambda is infinite: with r = |(alpha_u v.x, alpha_v v.y)| and a = v.z / r,
      * Lambda = H(a)/a and the area is v.z + r H(a).
      */
-    Float facing_area(const Vector3f &v) const {
+    Float projected_area(const Vector3f &v) const {
         if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)m_ndf.facing_area(m_alpha_u, m_alpha_v, to_core(v));
+            return (Float)m_ndf.projected_area(m_alpha_u, m_alpha_v, to_core(v));
         } else {
             View view(stretch(v));
             return dr::fmadd(view.s, masked_slope(view.c * view.inv_s), view.c);
@@ -87,13 +87,13 @@ public:
 
     /// Masking of the facet `m` seen from `v`.
     Float smith_g1(const Vector3f &v, const Vector3f &m) const {
-        return dr::select(faces(v, m), v.z() / facing_area(v), 0.f);
+        return dr::select(faces(v, m), v.z() / projected_area(v), 0.f);
     }
 
     /// Masking and shadowing of the facet `m`, independent of each other or correlated by height.
     Float G(const Vector3f &wi, const Vector3f &wo, const Vector3f &m,
             bool height_correlated) const {
-        Float area_i = facing_area(wi), area_o = facing_area(wo),
+        Float area_i = projected_area(wi), area_o = projected_area(wo),
               area = height_correlated ? dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
                                        : area_i * area_o;
         return dr::select(faces(wi, m) && faces(wo, m), wi.z() * wo.z() / area, 0.f);

@@ -109,7 +109,7 @@ mod ffi {
         fn visible_table(self: &Ndf) -> &[f32];
 
         fn d(self: &Ndf, alpha_u: f64, alpha_v: f64, m: &Vec3) -> f64;
-        fn facing_area(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64;
+        fn projected_area(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64;
         fn pdf(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, visible: bool) -> f64;
         fn sample(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, visible: bool) -> NormalSample;
 
@@ -296,8 +296,8 @@ impl Ndf {
         self.0.d(Roughness { u: alpha_u, v: alpha_v }, m.into())
     }
 
-    fn facing_area(&self, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64 {
-        self.0.facing_area(Roughness { u: alpha_u, v: alpha_v }, w.into())
+    fn projected_area(&self, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64 {
+        self.0.projected_area(Roughness { u: alpha_u, v: alpha_v }, w.into())
     }
 
     fn pdf(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, visible: bool) -> f64 {

@@ -208,7 +208,7 @@ impl Ndf {
     }
 
     /// `cos θ (1 + Λ(ω))`, the area of all facets that face ω, seen from there: finite at the horizon too, and below it what it is there.
-    pub fn facing_area(&self, alpha: Roughness, w: DVec3) -> f64 {
+    pub fn projected_area(&self, alpha: Roughness, w: DVec3) -> f64 {
         let (across, up) = (norm(alpha.u * w.x, alpha.v * w.y), w.z.max(0.0));
         if across == 0.0 { up } else { across.mul_add(self.h(up / across), up) }
     }

@@ -96,9 +96,9 @@ pub fn lambda() -> Record {
     over_lambda("lambda(w)", |ndf, alpha, w| ndf.lambda(alpha, w), |lambda, _| lambda)
 }
 
-pub fn facing_area() -> Record {
+pub fn projected_area() -> Record {
     let area = |lambda: f64, cos: f64| cos * (1.0 + lambda);
-    over_lambda("facing_area", |ndf, alpha, w| ndf.facing_area(alpha, w), area)
+    over_lambda("projected_area", |ndf, alpha, w| ndf.projected_area(alpha, w), area)
 }
 
 pub fn g1() -> Record {

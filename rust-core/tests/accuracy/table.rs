@@ -77,7 +77,7 @@ pub const TABLE: &[Row] = &[
     // directions
     within("ndf::Ndf::d", 1e-13, DEFINITION, measure::directions::d),
     within("ndf::Ndf::lambda", 1e-12, QUADRATURE, measure::directions::lambda),
-    within("ndf::Ndf::facing_area", 1e-12, QUADRATURE, measure::directions::facing_area),
+    within("ndf::Ndf::projected_area", 1e-12, QUADRATURE, measure::directions::projected_area),
     within("ndf::Ndf::g1", 1e-12, QUADRATURE, measure::directions::g1),
     within("ndf::Ndf::g2", 1e-12, QUADRATURE, measure::directions::g2),
     within("ndf::Ndf::pdf_projected", 1e-13, DEFINITION, measure::directions::pdf_projected),
