@@ -6,6 +6,7 @@
 use crate::error::{ParameterError, require};
 use crate::masking::table::{FINEST_SINGLE, LambdaTable};
 use crate::masking::{MaskingIntegral, Rule};
+use crate::numerics::greatest;
 use crate::profile::Profile;
 use crate::sampling::azimuth::Azimuth;
 use crate::sampling::visible_table::VisibleTable;
@@ -150,12 +151,13 @@ impl Ndf {
             .flat_map(|pair| (0..8).map(|k| pair[0] + (pair[1] - pair[0]) * f64::from(k) / 8.0))
             .map(|x| (x, profile.f_fast(x)))
             .collect();
-        let peak = points.iter().fold(0.0_f64, |peak, &(_, f)| peak.max(f));
-        points
-            .windows(2)
-            .filter(|pair| pair[0].0 > 0.0 && pair[0].1.min(pair[1].1) > 1e-7 * peak)
-            .map(|pair| ((pair[1].1 / pair[0].1).ln() / (pair[1].0 / pair[0].0).ln()).abs())
-            .fold(0.0, f64::max)
+        let peak = greatest(points.iter().map(|&(_, f)| f));
+        greatest(
+            points
+                .windows(2)
+                .filter(|pair| pair[0].0 > 0.0 && pair[0].1.min(pair[1].1) > 1e-7 * peak)
+                .map(|pair| ((pair[1].1 / pair[0].1).ln() / (pair[1].0 / pair[0].0).ln()).abs()),
+        )
     }
     /// The relative error of G1 that calls of this object have.
     pub fn accuracy_reached(&self) -> f64 {

@@ -2,6 +2,7 @@
 
 mod cases;
 
+use cases::piecewise::Piecewise;
 use cases::{Case, LIST, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -276,71 +277,102 @@ fn drawn_slopes_exhaust_the_density_that_is_reported() {
     });
 }
 
-/// E[w²] of the weight true/drawn over what is drawn: 1 is perfect, 1.002 is promised for every row of the family and
-/// every view. A tail near 2pγ = 3 has slopes beyond the last knot, which no reflection needs: its weights are those of
-/// the rest.
+/// E[w²] − 1 of the weight true/drawn over what is drawn, the greatest of all views and its polar angle in degrees.
+fn greatest_excess(name: &str, profile: &dyn Profile) -> (f64, f64) {
+    let table = VisibleTable::new(profile, &MaskingIntegral::new(profile, Rule::TABLE));
+    let mut pieces: Vec<f64> = table.slopes();
+    let last = pieces[CELLS - 1];
+    pieces.extend(profile.breaks(60.0).into_iter().filter(|&x| x < last));
+    pieces.sort_by(f64::total_cmp);
+    let mut worst = (0.0, 0.0);
+    for k in 0..=45 {
+        let degrees = if k == 45 { 89.99 } else { 2.0 * f64::from(k) };
+        let w = direction(f64::to_radians(degrees), 0.0);
+        for alpha in [1.0, 0.1] {
+            let v = view(Roughness { u: alpha, v: alpha }, w);
+            let mut grid = pieces.clone();
+            grid.push(v.a.clamp(0.0, last));
+            grid.sort_by(f64::total_cmp);
+            let mixture = table.mixture(v.a.min(1e300) / f64::hypot(v.a.min(1e300), 1.0), 1.0 / f64::hypot(v.a, 1.0));
+            let (mut truth, mut drawn, mut second) = (0.0, 0.0, 0.0);
+            for pair in grid.windows(2).filter(|pair| pair[1] > pair[0]) {
+                let mut add = |left: f64, right: f64| {
+                    for &(t, weight) in gauss(10).nodes() {
+                        let (rho, width) = (left + t * (right - left), weight * (right - left));
+                        let half = if rho > v.a { (-v.a / rho).acos() } else { PI };
+                        // ∫ max(0, a + ρ cos φ) dφ, or its limit at normal incidence
+                        let seen = if v.a > 1e8 { PI } else { v.a * half + rho * half.sin() };
+                        let want = profile.f(rho) * rho * seen;
+                        let got = 2.0 * rho * table.density(mixture, rho * rho);
+                        truth += width * want;
+                        drawn += width * got;
+                        if got > 0.0 {
+                            second += width * want * want / got;
+                        }
+                    }
+                };
+                let mut left = pair[0];
+                while left > 0.0 && pair[1] > 4.0 * left {
+                    add(left, 2.0 * left);
+                    left *= 2.0;
+                }
+                add(left, pair[1]);
+            }
+            let excess = second * drawn / (truth * truth) - 1.0;
+            assert!(excess > -1e-6, "{name} {degrees}°: E[w²] = {}", 1.0 + excess);
+            if excess > worst.0 {
+                worst = (excess, degrees);
+            }
+        }
+    }
+    println!("E[w²] of {name}: {:.5} at {}°", 1.0 + worst.0, worst.1);
+    worst
+}
+
+/// 1 is perfect, 1.002 is promised for every row of the family and every view. A tail near 2pγ = 3 has slopes beyond the last knot,
+/// which no reflection needs: its weights are those of the rest.
 #[test]
 fn weights_of_visible_normals_are_even() {
-    let worst = all_cases()
-        .par_iter()
-        .map(|(name, case)| {
-            let profile = case.profile();
-            let table = VisibleTable::new(&profile, &MaskingIntegral::new(&profile, Rule::TABLE));
-            let knots = table.slopes();
-            let ends: Vec<f64> = knots.into_iter().take(CELLS).filter(|x| x.is_finite()).collect();
-            let breaks = profile.breaks(60.0);
-            let mut pieces: Vec<f64> = ends.clone();
-            let last = ends[ends.len() - 1];
-            pieces.extend(breaks.iter().copied().filter(|&x| x < last));
-            pieces.sort_by(f64::total_cmp);
-            let mut worst = (0.0, 0.0);
-            for k in 0..=45 {
-                let degrees = if k == 45 { 89.99 } else { 2.0 * f64::from(k) };
-                let w = direction(f64::to_radians(degrees), 0.0);
-                for alpha in [1.0, 0.1] {
-                    let v = view(Roughness { u: alpha, v: alpha }, w);
-                    let mut grid = pieces.clone();
-                    grid.push(v.a.clamp(0.0, last));
-                    grid.sort_by(f64::total_cmp);
-                    let mixture =
-                        table.mixture(v.a.min(1e300) / f64::hypot(v.a.min(1e300), 1.0), 1.0 / f64::hypot(v.a, 1.0));
-                    let (mut truth, mut drawn, mut second) = (0.0, 0.0, 0.0);
-                    for pair in grid.windows(2).filter(|pair| pair[1] > pair[0]) {
-                        let mut add = |left: f64, right: f64| {
-                            for &(t, weight) in gauss(10).nodes() {
-                                let (rho, width) = (left + t * (right - left), weight * (right - left));
-                                let half = if rho > v.a { (-v.a / rho).acos() } else { PI };
-                                // ∫ max(0, a + ρ cos φ) dφ, or its limit at normal incidence
-                                let seen = if v.a > 1e8 { PI } else { v.a * half + rho * half.sin() };
-                                let want = profile.f(rho) * rho * seen;
-                                let got = 2.0 * rho * table.density(mixture, rho * rho);
-                                truth += width * want;
-                                drawn += width * got;
-                                if got > 0.0 {
-                                    second += width * want * want / got;
-                                }
-                            }
-                        };
-                        let mut left = pair[0];
-                        while left > 0.0 && pair[1] > 4.0 * left {
-                            add(left, 2.0 * left);
-                            left *= 2.0;
-                        }
-                        add(left, pair[1]);
-                    }
-                    let excess = second * drawn / (truth * truth) - 1.0;
-                    assert!(excess > -1e-6, "{name} {degrees}°: E[w²] = {}", 1.0 + excess);
-                    if excess > worst.0 {
-                        worst = (excess, degrees);
-                    }
+    all_cases().par_iter().for_each(|(name, case)| {
+        let (excess, degrees) = greatest_excess(name, &case.profile());
+        // next to the limit of finite masking half of the mass lies beyond slopes of 1e9, in one cell or none
+        let permitted = if case.excess() >= 0.05 { 0.002 } else { 5.0 };
+        assert!(excess <= permitted, "{name}: E[w²] = {} at {degrees}°", 1.0 + excess);
+    });
+}
+
+/// The same for profiles of up to 1000 pieces, more than there are cells: smooth ones, steps, and noise of 3 % at every node.
+#[test]
+fn many_break_points_do_not_overrun_the_table() {
+    let shapes: [(&str, f64, fn(f64) -> f64); 5] = [
+        ("normal", 5.0, |x| -x * x),
+        ("heavy", 30.0, |x| -2.0 * (x * x).ln_1p()),
+        ("cusp", 10.0, |x| -2.0 * x),
+        ("two lobes", 6.0, |x| ((-8.0 * x * x).exp() + 0.01 * (-4.0 * (x - 2.5) * (x - 2.5)).exp() + 1e-9).ln()),
+        ("steps", 6.0, |x| -(2.0 * x * x).floor().min(20.0)),
+    ];
+    let spacings: [fn(f64) -> f64; 3] = [|t| t, |t| t * t, |t| 1e-4 * (1e4f64.powf(t) - 1.0)];
+    let mut seeds = Random::seeded("pieces");
+    let mut tests = Vec::new();
+    for (name, end, log_f) in shapes {
+        for (s, spacing) in spacings.into_iter().enumerate() {
+            for count in [63, 64, 65, 100, 400, 1000] {
+                for noise in [0.0, 0.03] {
+                    let mut random = Random::new(u64::from(seeds.bits()));
+                    let nodes = (0..=count)
+                        .map(|k| {
+                            let x = end * spacing(f64::from(k) / f64::from(count));
+                            [x * x, log_f(x) + noise * (random.unit() + random.unit() + random.unit() - 1.5)]
+                        })
+                        .collect();
+                    tests.push((format!("{name}, spacing {s}, {count} pieces, noise {noise}"), nodes));
                 }
             }
-            // next to the limit of finite masking half of the mass lies beyond slopes of 1e9, in one cell or none
-            let permitted = if case.excess() >= 0.05 { 0.002 } else { 5.0 };
-            println!("E[w²] of {name}: {:.5} at {}°", 1.0 + worst.0, worst.1);
-            assert!(worst.0 <= permitted, "{name}: E[w²] = {} at {}°", 1.0 + worst.0, worst.1);
-            worst.0
-        })
-        .reduce(|| 0.0, f64::max);
-    println!("greatest E[w²]: {}", 1.0 + worst);
+        }
+    }
+    tests.into_par_iter().for_each(|(name, nodes)| {
+        let profile = Piecewise::new(nodes);
+        let (excess, degrees) = greatest_excess(&name, &profile);
+        assert!(excess <= 0.002, "{name}: E[w²] = {} at {degrees}°", 1.0 + excess);
+    });
 }

@@ -7,7 +7,7 @@
 //! from the left end. All octaves below the first share one cell that begins at 0, those above the last one a constant.
 
 use crate::masking::MaskingIntegral;
-use crate::numerics::hermite;
+use crate::numerics::{greatest, hermite};
 use crate::profile::{Masking, Profile};
 
 /// H tabulated.
@@ -80,7 +80,7 @@ impl LambdaTable {
         let mut low = ilog2(profile.mean()).clamp(OCTAVES.0 + 1, 20) - 1;
         let error_of_first = |low: i32| {
             let end = node(2f64.powi(low));
-            [0.25, 0.5, 0.75].map(|t| error(&zero, &end, &node(t * end.a))).into_iter().fold(0.0, f64::max)
+            greatest([0.25, 0.5, 0.75].map(|t| error(&zero, &end, &node(t * end.a))))
         };
         let mut reached = error_of_first(low);
         while low > OCTAVES.0 && reached > permitted {
@@ -105,7 +105,7 @@ impl LambdaTable {
         let header = octaves.iter().map(|octave| f32::from_bits(octave.packed()));
         let flat = header.chain(cubics.iter().flatten().map(|&c| c as f32)).collect();
         let end = left.h / left.a;
-        Self { octaves, cubics, flat, reached: reached.max(end) / SHARE + rounding }
+        Self { octaves, cubics, flat, reached: greatest([reached, end]) / SHARE + rounding }
     }
 
     /// 256 integers, one per exponent (the shift in the low five bits, the first cell above them), then four
@@ -138,15 +138,15 @@ fn divide(left: Node, right: Node, permitted: f64, node: &impl Fn(f64) -> Node) 
     loop {
         let middles: Vec<Node> = nodes.windows(2).map(|pair| node(0.5 * (pair[0].a + pair[1].a))).collect();
         let cells = || nodes.windows(2).zip(&middles);
-        let mut worst = cells().map(|(pair, middle)| error(&pair[0], &pair[1], middle)).fold(0.0, f64::max);
+        let mut worst = greatest(cells().map(|(pair, middle)| error(&pair[0], &pair[1], middle)));
         if worst <= permitted {
             // next to a cusp the error peaks beside the middle
             let quarter = |t: f64| {
-                cells()
-                    .map(|(pair, _)| error(&pair[0], &pair[1], &node(pair[0].a + t * (pair[1].a - pair[0].a))))
-                    .fold(0.0, f64::max)
+                greatest(
+                    cells().map(|(pair, _)| error(&pair[0], &pair[1], &node(pair[0].a + t * (pair[1].a - pair[0].a)))),
+                )
             };
-            worst = worst.max(quarter(0.25)).max(quarter(0.75));
+            worst = greatest([worst, quarter(0.25), quarter(0.75)]);
         }
         if worst <= permitted || nodes.len() > 1 << FINEST {
             return (nodes, worst);

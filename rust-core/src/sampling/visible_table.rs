@@ -12,8 +12,9 @@
 
 use crate::masking::MaskingIntegral;
 use crate::masking::smith_kernel::bracket;
+use crate::numerics::greatest;
 use crate::numerics::quadrature::gauss;
-use crate::profile::Profile;
+use crate::profile::{Profile, Tail};
 use std::f64::consts::PI;
 
 /// Number of cells in ρ².
@@ -78,15 +79,16 @@ impl VisibleTable {
         let breaks = profile.breaks(PLACING_DEPTH);
         let knots = place_knots(profile, &breaks, scale);
         let mut flat = Vec::with_capacity((1 + rows) * ROW_SIZE);
-        let squares: Vec<f32> = knots.iter().map(|&rho| (rho * rho) as f32).collect();
+        let squares = knots.map(square);
         extend_list(&mut flat, &squares);
         extend_cells(&mut flat, &squares, |ends| [ends[0], ends[1] - ends[0]]);
         // nodes and profile are shared by all rows
-        let cells: Vec<Vec<Node>> = knots.windows(2).map(|ends| nodes(profile, &breaks, ends[0], ends[1])).collect();
+        let cells: Vec<Vec<Sample>> =
+            knots.windows(2).map(|ends| samples(profile, &breaks, ends[0], ends[1])).collect();
         let factor = profile.normalization() / PI;
         for row in ROWS - rows..ROWS {
             let position = row as f64 / (ROWS - 1) as f64;
-            let view = View { position, scale };
+            let view = RowView { position, scale };
             // the lost cell: what lies beyond the last finite knot
             let masses: Vec<f64> = cells
                 .iter()
@@ -97,18 +99,18 @@ impl VisibleTable {
                 None => 1.0,
             };
             let lost = (total - masses.iter().sum::<f64>()).max(0.0);
-            let mut above = vec![lost; CELLS];
+            let mut above = [lost; CELLS];
             for j in (0..CELLS - 1).rev() {
                 above[j] = above[j + 1] + masses[j];
             }
             let share = 1.0 / above[0];
-            let above: Vec<f32> = above.iter().map(|&mass| (share * mass) as f32).collect();
+            let above = above.map(|mass| (share * mass) as f32);
             extend_list(&mut flat, &above);
-            let density: Vec<f32> =
-                knots.iter().map(|&rho| (share * factor * profile.f(rho) * view.kernel(rho)) as f32).collect();
+            let density = knots.map(|rho| (share * factor * profile.f(rho) * view.kernel(rho)) as f32);
             let mut masses = above.windows(2).map(|ends| ends[0] - ends[1]);
             extend_cells(&mut flat, &density, |ends| [masses.next().unwrap_or(0.0), packed(ends[0], ends[1])]);
         }
+        debug_assert_eq!(flat.len(), (1 + rows) * ROW_SIZE);
         Self { flat, rows, scale }
     }
 
@@ -210,14 +212,19 @@ impl VisibleTable {
     }
 }
 
+/// A knot as it is stored.
+fn square(rho: f64) -> f32 {
+    (rho * rho) as f32
+}
+
 /// Appends every eighth value, then all of them.
-fn extend_list(flat: &mut Vec<f32>, values: &[f32]) {
+fn extend_list(flat: &mut Vec<f32>, values: &[f32; CELLS]) {
     flat.extend(values.iter().step_by(BLOCK));
     flat.extend(values);
 }
 
 /// Appends a pair for each cell, from the values at its ends, and two zeros.
-fn extend_cells(flat: &mut Vec<f32>, ends: &[f32], pair: impl FnMut(&[f32]) -> [f32; 2]) {
+fn extend_cells(flat: &mut Vec<f32>, ends: &[f32; CELLS], pair: impl FnMut(&[f32]) -> [f32; 2]) {
     flat.extend(ends.windows(2).flat_map(pair));
     flat.extend([0.0; 2]);
 }
@@ -303,12 +310,12 @@ impl Cell {
 
 /// The view that a row stands for.
 #[derive(Clone, Copy)]
-struct View {
+struct RowView {
     position: f64,
     scale: f64,
 }
 
-impl View {
+impl RowView {
     /// a, or `None` where it is infinite.
     fn cotangent(&self) -> Option<f64> {
         (self.position < 1.0).then(|| self.scale * self.position / (1.0 - self.position))
@@ -322,35 +329,39 @@ impl View {
     }
 }
 
-struct Node {
+/// The profile at a slope.
+#[derive(Clone, Copy)]
+struct Sample {
     rho: f64,
+    f: f64,
     /// weight · f · ρ
     mass: f64,
 }
 
-/// Gauss nodes between `left` and `right`, on pieces that end at the profile's break points.
-fn nodes(profile: &dyn Profile, breaks: &[f64], left: f64, right: f64) -> Vec<Node> {
+/// The profile at Gauss points between `left` and `right`, on pieces that end at its break points.
+fn samples(profile: &dyn Profile, breaks: &[f64], left: f64, right: f64) -> Vec<Sample> {
     let rule = gauss(POINTS);
     let first = breaks.partition_point(|&x| x <= left);
     let last = breaks.partition_point(|&x| x < right);
     let inside = breaks[first..last].iter().copied();
     let mut start = left;
-    let mut nodes = Vec::with_capacity(POINTS * (1 + last - first));
+    let mut samples = Vec::with_capacity(POINTS * (1 + last - first));
     for end in inside.chain([right]) {
         // power tails are smooth in ln ρ
         let log = if end > 2.0 * start && start > 0.0 { (end / start).ln() } else { 0.0 };
-        nodes.extend(rule.nodes().iter().map(|&(t, weight)| {
+        samples.extend(rule.nodes().iter().map(|&(t, weight)| {
             let (rho, weight) = if log > 0.0 {
                 let rho = start * (t * log).exp();
                 (rho, weight * log * rho)
             } else {
                 (start + t * (end - start), weight * (end - start))
             };
-            Node { rho, mass: weight * rho * profile.f(rho) }
+            let f = profile.f(rho);
+            Sample { rho, f, mass: weight * rho * f }
         }));
         start = end;
     }
-    nodes
+    samples
 }
 
 /// b: the slope at which masking changes its regime.
@@ -360,129 +371,244 @@ fn row_scale(profile: &dyn Profile) -> f64 {
 
 /// Cells below the mode with a smaller share than this would drown in the rounding of the masses above them.
 const LEAST_MASS: f64 = 2e-6;
+/// Break points are set for quadrature and often lie too close for knots: cells begin with this share, which is worth halving.
+const LIGHT: f64 = 1e-3;
+/// The views at whose rows the excess is measured: horizon, middle, normal.
+const PROBES: [f64; 3] = [0.0, 0.5, 1.0];
+/// Knots are moved at most so many times once all are spent.
+const MOVES: usize = 4 * CELLS;
+/// Knots beyond the end of a profile: each so much farther out than the last.
+const PADDING: f64 = 1.0625;
 
 /// A cell while knots are being placed.
 struct Draft {
     left: f64,
     right: f64,
-    nodes: Vec<Node>,
-    excess: f64,
-}
-
-/// Places the 64 finite knots where they lower E[w²] most: the cell with the greatest excess is halved (by mass)
-/// until all are spent.
-fn place_knots(profile: &dyn Profile, breaks: &[f64], scale: f64) -> Vec<f64> {
-    let probes = [0.0, 0.5, 1.0].map(|position| View { position, scale });
-    let mut ends: Vec<f64> = breaks.iter().copied().filter(|&x| x < SLOPE_CAP).collect();
-    ends.insert(0, 0.0);
-    if let crate::profile::Tail::Power { .. } = profile.tail() {
-        ends.push(SLOPE_CAP);
-    }
-    let drafts: Vec<Draft> = ends
-        .windows(2)
-        .map(|pair| Draft {
-            left: pair[0],
-            right: pair[1],
-            nodes: nodes(profile, breaks, pair[0], pair[1]),
-            excess: 0.0,
-        })
-        .collect();
-    // totals per probe, so that excesses are shares of the whole
-    let masses =
-        |draft: &Draft| probes.map(|probe| draft.nodes.iter().map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
-    let totals = drafts.iter().map(masses).fold([0.0; 3], |sum, m| [sum[0] + m[0], sum[1] + m[1], sum[2] + m[2]]);
-    // Break points that were set for quadrature lie too close for knots: cells begin with a share worth halving.
-    let mut merged: Vec<Draft> = Vec::with_capacity(CELLS);
-    for draft in drafts {
-        match merged.last_mut() {
-            Some(last) if light(last, &masses, &totals) || light(&draft, &masses, &totals) => {
-                last.right = draft.right;
-                last.nodes = nodes(profile, breaks, last.left, last.right);
-            }
-            _ => merged.push(draft),
-        }
-    }
-    let mut drafts = merged;
-    let measure = |draft: &mut Draft| {
-        draft.excess =
-            probes.iter().zip(totals).map(|(probe, total)| excess(profile, draft, probe) / total).fold(0.0, f64::max);
-    };
-    drafts.iter_mut().for_each(measure);
-    while drafts.len() < CELLS - 1 {
-        let Some(worst) = (0..drafts.len()).max_by(|&i, &j| drafts[i].excess.total_cmp(&drafts[j].excess)) else {
-            break;
-        };
-        let draft = &drafts[worst];
-        let middle = draft.middle();
-        let halves = [(draft.left, middle), (middle, draft.right)];
-        if draft.excess < 0.0 {
-            break;
-        }
-        if !(middle > draft.left && middle < draft.right) {
-            drafts[worst].excess = -1.0;
-            continue;
-        }
-        let mut pair =
-            halves.map(|(left, right)| Draft { left, right, nodes: nodes(profile, breaks, left, right), excess: 0.0 });
-        if pair.iter().any(|half| masses(half).iter().zip(&totals).all(|(mass, total)| *mass < LEAST_MASS * total)) {
-            drafts[worst].excess = -1.0;
-            continue;
-        }
-        pair.iter_mut().for_each(measure);
-        drafts.splice(worst..=worst, pair);
-    }
-    let mut knots: Vec<f64> = drafts.iter().map(|d| d.left).collect();
-    knots.push(drafts.last().map_or(1.0, |d| d.right));
-    // a profile so narrow that cells cannot be halved any more leaves empty cells at its end
-    while knots.len() < CELLS {
-        let last = knots[knots.len() - 1];
-        knots.push(last * 1.0625);
-    }
-    knots
-}
-
-/// Whether a cell has so little mass in every probe that it does not deserve its own knot.
-fn light(draft: &Draft, masses: &impl Fn(&Draft) -> [f64; 3], totals: &[f64; 3]) -> bool {
-    masses(draft).iter().zip(totals).all(|(mass, total)| *mass < 1e-3 * total)
+    samples: Vec<Sample>,
+    /// what each probe sees of it
+    masses: [f64; 3],
+    /// its part of E[w²] − 1 for each probe
+    excess: [f64; 3],
+    /// cannot be halved any more
+    whole: bool,
 }
 
 impl Draft {
-    /// Halves the cell by mass of ρ f (weighed with ρ where that is more even), between the nodes.
+    /// The slope that halves the mass of ρ f, one of the samples.
     fn middle(&self) -> f64 {
-        let total: f64 = self.nodes.iter().map(|n| n.mass).sum();
+        let total: f64 = self.samples.iter().map(|n| n.mass).sum();
         let mut sum = 0.0;
-        for (k, node) in self.nodes.iter().enumerate() {
-            sum += node.mass;
+        for (k, sample) in self.samples.iter().enumerate() {
+            sum += sample.mass;
             if sum >= 0.5 * total && total > 0.0 {
-                // never the outermost node: a cell must shrink by a real amount
-                return self.nodes[k.clamp(2, self.nodes.len() - 3)].rho;
+                // never the outermost one: a cell must shrink by a real amount
+                return self.samples[k.clamp(2, self.samples.len() - 3)].rho;
             }
         }
-        self.nodes[self.nodes.len() / 2].rho
+        self.samples[self.samples.len() / 2].rho
+    }
+
+    fn worst(&self) -> f64 {
+        greatest(self.excess)
     }
 }
 
-/// `∫ n²/n̂ − ∫ n` over a cell for the spline n̂ with the cell's exact mass and end densities.
-fn excess(profile: &dyn Profile, draft: &Draft, view: &View) -> f64 {
-    let mass: f64 = draft.nodes.iter().map(|n| n.mass * view.kernel(n.rho)).sum();
-    if mass <= 0.0 {
-        return 0.0;
+/// Whether two knots are still two in single precision.
+fn apart(left: f64, right: f64) -> bool {
+    square(left) < square(right)
+}
+
+/// Places the 64 finite knots, ascending from 0, where they lower E[w²] most.
+///
+/// Few break points: cells between them are halved (by mass), the one with the greatest excess first, until all knots are spent. As
+/// many as there are knots: neighbors are joined first, those that raise the excess least; then knots move from where a join costs least to
+/// where a halving gains most.
+fn place_knots(profile: &dyn Profile, breaks: &[f64], scale: f64) -> [f64; CELLS] {
+    let mut ends = vec![0.0];
+    ends.extend(breaks.iter().copied().filter(|&x| x < SLOPE_CAP));
+    if matches!(profile.tail(), Tail::Power { .. }) || ends.len() < 2 {
+        ends.push(SLOPE_CAP);
     }
-    let (y0, y1) = (draft.left * draft.left, draft.right * draft.right);
-    // densities per dy are half those per ρ dρ
-    let end = |rho: f64| 0.5 * profile.f(rho) * view.kernel(rho) * (y1 - y0) / mass;
-    let ends = (end(draft.left), end(draft.right));
-    let cell = Cell { y: y0, width: y1 - y0, mass, inverse_mass: 1.0 / mass, ends };
-    let second: f64 = draft
-        .nodes
-        .iter()
-        .map(|n| {
-            let kernel = view.kernel(n.rho);
-            // n.mass carries ρ dρ f; the density per dy is f kernel / 2
-            let exact = 0.5 * profile.f(n.rho) * kernel;
-            let spline = cell.density((n.rho * n.rho - y0) / (y1 - y0));
-            if spline > 0.0 { n.mass * kernel * exact / spline } else { 0.0 }
-        })
-        .sum();
-    (second - mass).max(0.0)
+    let probes = PROBES.map(|position| RowView { position, scale });
+    let mut placing = Placing { profile, breaks, probes, totals: [0.0; 3] };
+    let mut drafts: Vec<Draft> = ends.windows(2).map(|pair| placing.draft(pair[0], pair[1])).collect();
+    for draft in &drafts {
+        placing.totals.iter_mut().zip(draft.masses).for_each(|(total, mass)| *total += mass);
+    }
+    if drafts.len() < CELLS {
+        drafts = placing.without_light_ones(drafts);
+        drafts.iter_mut().for_each(|draft| placing.measure(draft));
+        placing.halve(&mut drafts);
+    } else {
+        drafts.iter_mut().for_each(|draft| placing.measure(draft));
+        placing.join_and_move(&mut drafts);
+    }
+    let ends = drafts.iter().map(|draft| draft.left).chain(drafts.last().map(|draft| draft.right));
+    let mut knots = [f64::NAN; CELLS];
+    knots.iter_mut().zip(ends).for_each(|(knot, end)| *knot = end);
+    // a profile so narrow that cells cannot be halved any more leaves empty cells at its end
+    for k in drafts.len() + 1..CELLS {
+        knots[k] = knots[k - 1] * PADDING;
+    }
+    debug_assert!(knots[0] == 0.0 && knots.is_sorted_by(|&a, &b| apart(a, b)), "{knots:?}");
+    knots
+}
+
+/// What places knots.
+struct Placing<'a> {
+    profile: &'a dyn Profile,
+    breaks: &'a [f64],
+    probes: [RowView; 3],
+    /// what each probe sees of all slopes
+    totals: [f64; 3],
+}
+
+impl Placing<'_> {
+    fn draft(&self, left: f64, right: f64) -> Draft {
+        self.weighed(left, right, samples(self.profile, self.breaks, left, right))
+    }
+
+    fn weighed(&self, left: f64, right: f64, samples: Vec<Sample>) -> Draft {
+        let masses = self.probes.map(|probe| samples.iter().map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
+        Draft { left, right, samples, masses, excess: [0.0; 3], whole: false }
+    }
+
+    fn measure(&self, draft: &mut Draft) {
+        draft.excess = std::array::from_fn(|k| self.excess(draft, k) / self.totals[k]);
+    }
+
+    /// `∫ n²/n̂ − ∫ n` over a cell for the spline n̂ with the cell's exact mass and end densities.
+    fn excess(&self, draft: &Draft, probe: usize) -> f64 {
+        let (view, mass) = (&self.probes[probe], draft.masses[probe]);
+        if mass <= 0.0 {
+            return 0.0;
+        }
+        let (y0, y1) = (draft.left * draft.left, draft.right * draft.right);
+        // densities per dy are half those per ρ dρ
+        let end = |rho: f64| 0.5 * self.profile.f(rho) * view.kernel(rho) * (y1 - y0) / mass;
+        let ends = (end(draft.left), end(draft.right));
+        let cell = Cell { y: y0, width: y1 - y0, mass, inverse_mass: 1.0 / mass, ends };
+        let second: f64 = draft
+            .samples
+            .iter()
+            .map(|n| {
+                let kernel = view.kernel(n.rho);
+                // n.mass carries ρ dρ f; the density per dy is f kernel / 2
+                let exact = 0.5 * n.f * kernel;
+                let spline = cell.density((n.rho * n.rho - y0) / (y1 - y0));
+                if spline > 0.0 { n.mass * kernel * exact / spline } else { 0.0 }
+            })
+            .sum();
+        (second - mass).max(0.0)
+    }
+
+    /// Whether a cell has less than a share of the mass in every probe.
+    fn lighter(&self, draft: &Draft, share: f64) -> bool {
+        draft.masses.iter().zip(&self.totals).all(|(mass, total)| *mass < share * total)
+    }
+
+    fn joined(&self, first: &Draft, second: &Draft) -> Draft {
+        self.weighed(first.left, second.right, [&first.samples[..], &second.samples].concat())
+    }
+
+    /// Cells that do not deserve their own knot join the one before.
+    fn without_light_ones(&self, drafts: Vec<Draft>) -> Vec<Draft> {
+        let mut joined: Vec<Draft> = Vec::with_capacity(CELLS);
+        for draft in drafts {
+            match joined.last_mut() {
+                Some(last)
+                    if self.lighter(last, LIGHT)
+                        || self.lighter(&draft, LIGHT)
+                        || !apart(last.left, last.right)
+                        || !apart(draft.left, draft.right) =>
+                {
+                    *last = self.joined(last, &draft);
+                }
+                _ => joined.push(draft),
+            }
+        }
+        joined
+    }
+
+    /// Halves the cell with the greatest excess until all knots are spent.
+    fn halve(&self, drafts: &mut Vec<Draft>) {
+        while drafts.len() < CELLS - 1
+            && let Some((worst, halves)) = self.next_halves(drafts)
+        {
+            drafts.splice(worst..=worst, halves);
+        }
+    }
+
+    /// The cell with the greatest excess among those that can be halved, and its halves; marks those that cannot.
+    fn next_halves(&self, drafts: &mut [Draft]) -> Option<(usize, [Draft; 2])> {
+        loop {
+            let candidates = (0..drafts.len()).filter(|&k| !drafts[k].whole);
+            let worst = candidates.max_by(|&i, &j| drafts[i].worst().total_cmp(&drafts[j].worst()))?;
+            let Draft { left, right, .. } = drafts[worst];
+            let middle = drafts[worst].middle();
+            if apart(left, middle) && apart(middle, right) {
+                let mut halves = [(left, middle), (middle, right)].map(|(left, right)| self.draft(left, right));
+                if !halves.iter().any(|half| self.lighter(half, LEAST_MASS)) {
+                    halves.iter_mut().for_each(|half| self.measure(half));
+                    return Some((worst, halves));
+                }
+            }
+            drafts[worst].whole = true;
+        }
+    }
+
+    /// By how much a join raises the excess; less than anything where both should be one.
+    fn price(&self, first: &Draft, second: &Draft) -> f64 {
+        let lost = |draft: &Draft| self.lighter(draft, LEAST_MASS) || !apart(draft.left, draft.right);
+        if lost(first) || lost(second) {
+            return f64::NEG_INFINITY;
+        }
+        let mut joined = self.joined(first, second);
+        self.measure(&mut joined);
+        greatest([0, 1, 2].map(|k| joined.excess[k] - first.excess[k] - second.excess[k]))
+    }
+
+    /// Joins neighbors until there are few enough, then moves knots as long as it pays.
+    fn join_and_move(&self, drafts: &mut Vec<Draft>) {
+        let mut prices: Vec<f64> = drafts.windows(2).map(|pair| self.price(&pair[0], &pair[1])).collect();
+        let cheapest = |prices: &[f64], without: Option<usize>| {
+            let free = (0..prices.len()).filter(|&k| without.is_none_or(|cell| k != cell && k + 1 != cell));
+            free.min_by(|&i, &j| prices[i].total_cmp(&prices[j]))
+        };
+        // prices of both joins of the cells from..=to
+        let reprice = |drafts: &[Draft], prices: &mut [f64], from: usize, to: usize| {
+            for k in from.saturating_sub(1)..(to + 1).min(prices.len()) {
+                prices[k] = self.price(&drafts[k], &drafts[k + 1]);
+            }
+        };
+        let join = |drafts: &mut Vec<Draft>, prices: &mut Vec<f64>, k: usize| {
+            let mut joined = self.joined(&drafts[k], &drafts[k + 1]);
+            self.measure(&mut joined);
+            drafts.splice(k..k + 2, [joined]);
+            prices.remove(k);
+            reprice(drafts, prices, k, k);
+        };
+        while (drafts.len() >= CELLS || prices.contains(&f64::NEG_INFINITY))
+            && let Some(k) = cheapest(&prices, None)
+        {
+            join(drafts, &mut prices, k);
+        }
+        self.halve(drafts);
+        prices = drafts.windows(2).map(|pair| self.price(&pair[0], &pair[1])).collect();
+        for _ in 0..MOVES {
+            let Some((worst, halves)) = self.next_halves(drafts) else { return };
+            let Some(k) = cheapest(&prices, Some(worst)) else { return };
+            let gain = greatest(
+                [0, 1, 2].map(|probe| drafts[worst].excess[probe] - halves[0].excess[probe] - halves[1].excess[probe]),
+            );
+            if gain <= prices[k] {
+                drafts[worst].whole = true;
+                continue;
+            }
+            drafts.splice(worst..=worst, halves);
+            prices.insert(worst, f64::INFINITY);
+            reprice(drafts, &mut prices, worst, worst + 1);
+            join(drafts, &mut prices, if k > worst { k + 1 } else { k });
+        }
+    }
 }

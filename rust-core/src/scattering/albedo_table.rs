@@ -16,8 +16,8 @@
 //! table says is lost: a furnace is off by the error of E at the view, and by no more.
 
 use crate::ndf::{Ndf, Roughness, Shadowing};
-use crate::numerics::hermite;
 use crate::numerics::quadrature::gauss;
+use crate::numerics::{greatest, hermite};
 use crate::profile::Tail;
 use crate::scattering::albedo::{Rule, SingleScattering, View};
 use glam::DVec3;
@@ -238,7 +238,7 @@ impl AlbedoTable {
                     .extend([f[k], f_v[k] * cell_v, f_w[k] * cell_w, f_vw[k] * cell_v * cell_w].map(|x| x as f32));
             }
             table.reached = measured.error(|v, w| table.root(v, w));
-            if table.reached < best.reached {
+            if best.flat.is_empty() || table.reached < best.reached {
                 best = table;
             }
             if best.reached <= effort.enough {
@@ -313,7 +313,7 @@ impl AlbedoTable {
                 table.flat.extend([*value, *by_u, *by_v, 0.0].map(|x| x as f32));
             }
             table.reached = measured.error(|v, azimuth| table.packet(v, azimuth)[0]);
-            if table.reached < best.reached {
+            if best.flat.is_empty() || table.reached < best.reached {
                 best = table;
             }
             if best.reached <= effort.enough {
@@ -460,7 +460,7 @@ impl Measured {
     }
     /// The greatest error of E.
     fn error(&self, root: impl Fn(f64, f64) -> f64) -> f64 {
-        self.0.iter().map(|&(x, y, exact)| (root(x, y).powi(2) - exact.powi(2)).abs()).fold(0.0, f64::max)
+        greatest(self.0.iter().map(|&(x, y, exact)| (root(x, y).powi(2) - exact.powi(2)).abs()))
     }
 }
 

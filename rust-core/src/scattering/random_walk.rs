@@ -9,6 +9,7 @@
 //! the distribution's masking table.
 
 use crate::ndf::{Ndf, Roughness};
+use crate::numerics::greatest;
 use crate::profile::{Profile, Tail};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -147,7 +148,7 @@ impl Steps {
                     let past = (ends[1] - ends[0]) * k as f64 / PROBES as f64;
                     (ends[0] + past).powi(power) * profile.f_past(ends[0], past)
                 };
-                MARGIN * (0..=PROBES).map(probe).fold(0.0, f64::max)
+                MARGIN * greatest((0..=PROBES).map(probe))
             })
             .collect();
         let mut before = vec![0.0];

@@ -109,6 +109,7 @@ pub const TABLE: &[Row] = &[
     total("scattering::random_walk::RandomWalk::walk", "walks_leave_and_single_ones_are_correlated_scattering"),
     total("scattering::random_walk::RandomWalk::visible_normal", "facets_are_seen_from_both_sides"),
     total("sampling::azimuth::Azimuth::new", "solvers_stay_within_their_permitted_error"),
+    total("numerics::greatest", "tables_of_nan_do_not_claim_to_be_exact"),
     total("numerics::exponent::Exponent::new", "powers_near_whole_exponents_are_continuous"),
     total("masking::table::LambdaTable::new", "promised_accuracy_is_reached"),
     total("masking::table::LambdaTable::h", "promised_accuracy_is_reached"),

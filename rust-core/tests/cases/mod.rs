@@ -2,6 +2,8 @@
 //! chance.
 #![allow(dead_code)] // every test crate uses a part of it
 
+pub mod piecewise;
+
 use glam::DVec3;
 use sgtd_core::family::shape::{ROWS, Shape};
 use sgtd_core::family::skewed_t::SkewedT;
