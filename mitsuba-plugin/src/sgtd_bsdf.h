@@ -2,9 +2,16 @@
 
 #include <array>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <ostream>
+#include <set>
+#include <vector>
 
 #include <mitsuba/core/properties.h>
 #include <mitsuba/core/string.h>
@@ -13,6 +20,7 @@
 #include <mitsuba/render/mueller.h>
 #include <mitsuba/render/texture.h>
 
+#include "frozen_choice.h"
 #include "sgtd_distribution.h"
 
 NAMESPACE_BEGIN(mitsuba)
@@ -28,28 +36,53 @@ public:
 
     void traverse(TraversalCallback *cb) override {
         const auto rough = ParamFlags::Differentiable | ParamFlags::Discontinuous;
-        if (m_alpha_u == m_alpha_v) {
-            cb->put("alpha", m_alpha_u, rough);
-        } else {
+        if (m_anisotropic) {
             cb->put("alpha_u", m_alpha_u, rough);
             cb->put("alpha_v", m_alpha_v, rough);
+        } else {
+            cb->put("alpha", m_alpha_u, rough);
         }
-        for (Parameter &parameter : m_parameters)
-            if (parameter.free)
-                cb->put(parameter.name, parameter.value, ParamFlags::NonDifferentiable);
+        for (size_t i = 0; i < Count; ++i)
+            if (m_parameters[i].free)
+                cb->put(m_parameters[i].name, m_shown[i], ParamFlags::NonDifferentiable);
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
-        bool shape =
-            keys.empty() || (m_parameters[Offset].is_mu && string::contains(keys, "alpha"));
-        for (const Parameter &parameter : m_parameters)
-            shape |= string::contains(keys, parameter.name);
-        if (shape)
-            update_shape();
+        try {
+            const std::vector<std::optional<double>> numbers = check_textures(keys);
+            bool shape                                       = read_parameters(keys);
+            if (m_parameters[Offset].is_mu && changed(keys, "alpha")) {
+                if (recording<Float>() && !keys.empty())
+                    Throw("parameter \"mu\" is given, so the shape depends on \"alpha\", which "
+                          "cannot be changed inside a frozen function: change it before the call, "
+                          "or give \"shift\" instead");
+                check_derivative(m_alpha_u->mean());
+                shape = !recording<Float>();
+            }
+            if (shape)
+                update_shape();
+            for (size_t i = 0; i < m_watched.size(); ++i)
+                m_watched[i].last = numbers[i];
+        } catch (...) {
+            restore();
+            throw;
+        }
+    }
+
+    UnpolarizedSpectrum eval_attribute(const std::string &name, const SurfaceInteraction3f &si,
+                                       Mask active) const override {
+        const Float *number = shown(name);
+        return number ? UnpolarizedSpectrum(*number) : Base::eval_attribute(name, si, active);
+    }
+
+    Color3f eval_attribute_3(const std::string &name, const SurfaceInteraction3f &si,
+                             Mask active) const override {
+        const Float *number = shown(name);
+        return number ? Color3f(*number) : Base::eval_attribute_3(name, si, active);
     }
 
 protected:
-    SgtdBSDF(const Properties &props) : Base(props) {
+    SgtdBSDF(const Properties &props) : Base(props), m_plugin(props.plugin_name()) {
         read_roughness(props);
         read_shape(props);
 
@@ -69,29 +102,104 @@ protected:
     //  Reading of properties
     // ------------------------------------------------------------------
 
-    /// A number of at least 0; absent, its default.
-    static double number(const Properties &props, const char *name, double default_value) {
-        double value = props.get<double>(name, default_value);
-        if (!std::isfinite(value) || value < 0.0)
-            Throw("parameter \"%s\" is %s, but must be a finite number of at least 0", name, value);
-        return value;
+    /// Warns once, by name: what a built-in accepts is accepted, whatever it means.
+    void warn_once(const std::string &message) const {
+        static std::mutex mutex;
+        static std::set<std::string> said;
+        std::string id(this->id()),
+            text = m_plugin + (id.empty() ? "" : " \"" + id + "\"") + ": " + message;
+        std::lock_guard<std::mutex> lock(mutex);
+        if (said.insert(text).second)
+            Log(Warn, "%s", text);
+    }
+
+    /// The number that a property is, if it is one.
+    static std::optional<double> plain_number(const Properties &props, const char *name) {
+        if (!props.has_property(name))
+            return {};
+        Properties::Type type = props.type(name);
+        if (type == Properties::Type::Float || type == Properties::Type::Integer)
+            return props.get<double>(name);
+        return {};
+    }
+
+    /// Is a roughness one that D can be evaluated for? A negative one is raised to 1e-4.
+    static bool valid_roughness(double alpha) {
+        return !std::isnan(alpha) && alpha < std::numeric_limits<double>::infinity();
     }
 
     /// Checks a property that a texture is made from, where it is a plain number or color.
-    static void check_constant(const Properties &props, const char *name) {
+    void check_constant(const Properties &props, const char *name) const {
+        bool rough = std::string_view(name).substr(0, 5) == "alpha";
         if (!props.has_property(name))
             return;
-        Properties::Type type = props.type(name);
-        if (type == Properties::Type::Float || type == Properties::Type::Integer) {
-            number(props, name, 0.0);
-        } else if (type == Properties::Type::Color) {
+        auto valid = [&](double value) {
+            return rough ? valid_roughness(value) : std::isfinite(value);
+        };
+        const char *meaning = rough ? "which is the same as 1e-4" : "which no surface has";
+        if (std::optional<double> value = plain_number(props, name)) {
+            if (!valid(*value))
+                Throw("parameter \"%s\" is %s, but must be a finite number of at least 0", name,
+                      *value);
+            if (*value < 0.0)
+                warn_once(tfm::format("parameter \"%s\" is %s, %s", name, *value, meaning));
+        } else if (props.type(name) == Properties::Type::Color) {
             ScalarColor3f color = props.get<ScalarColor3f>(name);
             for (size_t i = 0; i < 3; ++i)
-                if (!std::isfinite(color[i]) || color[i] < 0.f)
+                if (!valid(color[i]))
                     Throw("parameter \"%s\" is %s, but its parts must be finite numbers of at "
                           "least 0",
                           name, color);
+            if (dr::any(color < 0.f))
+                warn_once(tfm::format("parameter \"%s\" is %s, and has parts below 0, %s", name,
+                                      color, meaning));
         }
+    }
+
+    /// The number that a texture is at every place, if it is one and can be read now.
+    static std::optional<double> constant(const Texture *texture) {
+        if (recording<Float>())
+            return {};
+        try {
+            if (texture->is_spatially_varying())
+                return {};
+            Float mean = dr::detach(texture->mean());
+            if (dr::width(mean) != 1)
+                return {};
+            return (double)dr::slice(mean);
+        } catch (const std::exception &) {
+            // Textures need not have a mean, nor say that they vary
+            return {};
+        }
+    }
+
+    /// Has a texture refused when it becomes a number that is not finite.
+    void watch(const char *name, Texture *texture) {
+        m_watched.push_back({ name, texture, constant(texture) });
+    }
+
+    /// Takes back what was changed: for updates that are refused.
+    void restore() {
+        for (const Watched &watched : m_watched)
+            if (watched.last && constant(watched.texture) != watched.last) {
+                Writer writer(*watched.last);
+                watched.texture->traverse(&writer);
+                watched.texture->parameters_changed({ "value" });
+            }
+        show_parameters();
+    }
+
+    /// Does a list of changes, which is empty if nothing is known, have a name in it?
+    static bool changed(const std::vector<std::string> &keys, const char *name) {
+        return keys.empty() || string::contains(keys, name);
+    }
+
+    /// The number of that name as traverse() shows it, if there is one.
+    virtual const Float *shown(const std::string &name) const {
+        for (size_t i = 0; i < Count; ++i)
+            if (m_parameters[i].free && name == m_parameters[i].name)
+                return &m_shown[i];
+        return nullptr;
     }
 
     // ------------------------------------------------------------------
@@ -102,12 +210,20 @@ protected:
     /// it.
     std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, Mask active) const {
         Float alpha_u = m_alpha_u->eval_1(si, active),
-              alpha_v = m_alpha_u == m_alpha_v ? alpha_u : m_alpha_v->eval_1(si, active);
+              alpha_v = m_anisotropic ? m_alpha_v->eval_1(si, active) : alpha_u;
+        if (m_parameters[Offset].is_mu)
+            check_derivative(alpha_u);
         if (m_builtin_scaled) {
             alpha_u *= m_tables.alpha_scale;
             alpha_v *= m_tables.alpha_scale;
         }
         return { alpha_u, alpha_v };
+    }
+
+    /// Mitsuba's own distribution.
+    MicrofacetDistribution builtin(const Float &alpha_u, const Float &alpha_v) const {
+        return MicrofacetDistribution(m_beckmann ? MicrofacetType::Beckmann : MicrofacetType::GGX,
+                                      alpha_u, alpha_v, m_sample_visible);
     }
 
     /// Masking and shadowing for Mitsuba's own distributions.
@@ -171,6 +287,10 @@ private:
         } else {
             m_alpha_u = m_alpha_v = props.get_unbounded_texture<Texture>("alpha", 0.1f);
         }
+        m_anisotropic = m_alpha_u != m_alpha_v;
+        watch(m_anisotropic ? "alpha_u" : "alpha", m_alpha_u.get());
+        if (m_anisotropic)
+            watch("alpha_v", m_alpha_v.get());
     }
 
     void read_shape(const Properties &props) {
@@ -186,13 +306,10 @@ private:
             if (offset.given)
                 Throw("parameters \"mu\" and \"shift\" are given together: choose one (shift = mu "
                       "/ alpha)");
-            Properties::Type type =
-                props.has_property("alpha") ? props.type("alpha") : Properties::Type::Float;
-            if (m_alpha_u != m_alpha_v ||
-                (type != Properties::Type::Float && type != Properties::Type::Integer))
+            if (m_anisotropic || (props.has_property("alpha") && !plain_number(props, "alpha")))
                 Throw("parameter \"mu\" is given, but needs \"alpha\" as one number (the shape "
                       "depends on mu / alpha): give \"shift\" instead");
-            offset = { "mu", number(props, "mu", 0.0), true, true, true };
+            offset = { "mu", props.get<double>("mu"), true, true, true };
         }
 
         // A parameter is free if the row accepts it beside those that were given
@@ -233,8 +350,8 @@ private:
 
     /// The shape for the current values of the parameters for which `present` holds.
     sgtd::host::RowShape resolve(bool Parameter::*present) const {
-        std::optional<double> values[Offset + 1];
-        for (size_t i = 0; i <= Offset; ++i)
+        std::optional<double> values[Count];
+        for (size_t i = 0; i < Count; ++i)
             if (m_parameters[i].*present)
                 values[i] = m_parameters[i].value;
         try {
@@ -266,6 +383,7 @@ private:
             sgtd::host::RowShape row = resolve(&Parameter::free);
             if (m_current && m_current->row.shape == row.shape) {
                 m_current->parameters = m_parameters;
+                show_parameters();
                 return;
             }
 
@@ -293,12 +411,15 @@ private:
                 tables = SgtdTables<Float>::load(*ndf, reduced);
             }
 
-            m_builtin        = builtin;
+            m_builtin        = builtin.has_value();
+            m_beckmann       = builtin == MicrofacetType::Beckmann;
             m_builtin_scaled = builtin && reduced.alpha_scale != 1.0;
+            m_steep          = tables.steep;
             m_ndf            = std::move(ndf);
             m_tables         = std::move(tables);
             m_node           = reduced;
             m_current        = { row, m_parameters };
+            show_parameters();
         } catch (...) {
             if (m_current)
                 m_parameters = m_current->parameters;
@@ -306,14 +427,123 @@ private:
         }
     }
 
+    /// Reads those parameters that traverse() has changed. Were there any?
+    bool read_parameters(const std::vector<std::string> &keys) {
+        bool any = false;
+        for (size_t i = 0; i < Count; ++i) {
+            Parameter &parameter = m_parameters[i];
+            if (!parameter.free || !changed(keys, parameter.name))
+                continue;
+            if (recording<Float>()) {
+                if (keys.empty())
+                    continue;
+                Throw("parameter \"%s\" cannot be changed inside a frozen function, as its tables "
+                      "are made on the host: change it before the call",
+                      parameter.name);
+            }
+            if (dr::width(m_shown[i]) != 1)
+                Throw("parameter \"%s\" is an array of %s numbers, but must be one number",
+                      parameter.name, dr::width(m_shown[i]));
+            ScalarFloat value = dr::slice(dr::detach(m_shown[i]));
+            // Single precision shows less than was given
+            if (value != (ScalarFloat)parameter.value)
+                parameter.value = decimal(value);
+            any = true;
+        }
+        return any;
+    }
+
+    /// The shortest decimal that rounds to a number in single precision: 1.7, not 1.7000000477.
+    static double decimal(ScalarFloat value) {
+        if (sizeof(ScalarFloat) == 8 || !std::isfinite(value))
+            return (double)value;
+        char text[32];
+        for (int digits = 1; digits <= std::numeric_limits<ScalarFloat>::max_digits10; ++digits) {
+            std::snprintf(text, sizeof(text), "%.*g", digits, (double)value);
+            if ((ScalarFloat)std::strtod(text, nullptr) == value)
+                break;
+        }
+        return std::strtod(text, nullptr);
+    }
+
+    /// Gives traverse() the parameters as they are.
+    void show_parameters() {
+        for (size_t i = 0; i < Count; ++i)
+            m_shown[i] = dr::opaque<Float>((ScalarFloat)m_parameters[i].value);
+    }
+
+    /// Derivatives by a roughness that the shape depends on would lack that dependence.
+    static void check_derivative(const Float &alpha) {
+        if constexpr (dr::is_diff_v<Float>) {
+            if (dr::grad_enabled(alpha))
+                Throw(
+                    "parameter \"mu\" is given, so the shape depends on \"alpha\", and derivatives "
+                    "by \"alpha\" are not available: give \"shift\" instead, whose derivatives "
+                    "are those at a fixed shape");
+        } else {
+            DRJIT_MARK_USED(alpha);
+        }
+    }
+
+    // ------------------------------------------------------------------
+    //  Textures that are numbers
+    // ------------------------------------------------------------------
+
+    struct Watched {
+        const char *name;
+        Texture *texture;
+        /// What it was last, if it is a number
+        std::optional<double> last;
+    };
+
+    /// Sets the number of a `uniform` texture.
+    struct Writer : TraversalCallback {
+        explicit Writer(double number) : value(number) {}
+
+        void put_value(std::string_view name, void *target, uint32_t,
+                       const std::type_info &type) override {
+            if (name == "value" && strcmp(type.name(), typeid(Float).name()) == 0)
+                *(Float *)target = dr::opaque<Float>((ScalarFloat)value);
+        }
+
+        void put_object(std::string_view, Object *, uint32_t) override {}
+
+        double value;
+    };
+
+    /// Refuses numbers that no texture should have; returns what they are now.
+    std::vector<std::optional<double>> check_textures(const std::vector<std::string> &keys) const {
+        std::vector<std::optional<double>> now(m_watched.size());
+        for (size_t i = 0; i < m_watched.size(); ++i) {
+            const Watched &watched = m_watched[i];
+            now[i]                 = watched.last;
+            if (!changed(keys, watched.name))
+                continue;
+            now[i] = constant(watched.texture);
+            if (!now[i] || now[i] == watched.last)
+                continue;
+            bool rough = watched.texture == m_alpha_u.get() || watched.texture == m_alpha_v.get();
+            if (!std::isfinite(*now[i]) || (rough && *now[i] < 0.0))
+                Throw("parameter \"%s\" is %s, but must be a finite number%s", watched.name,
+                      *now[i], rough ? " of at least 0" : "");
+        }
+        return now;
+    }
+
 protected:
     ref<Texture> m_alpha_u, m_alpha_v;
-    bool m_sample_visible, m_height_correlated;
+    FrozenChoice<Float> m_sample_visible, m_height_correlated;
+    /// Are there two roughnesses?
+    FrozenChoice<Float> m_anisotropic;
 
-    /// Set where Mitsuba's own distribution is used instead of the tables
-    std::optional<MicrofacetType> m_builtin;
+    /// Is Mitsuba's own distribution used instead of the tables?
+    FrozenChoice<Float> m_builtin;
+    /// Is that Beckmann's, not GGX?
+    FrozenChoice<Float> m_beckmann;
     /// Is its roughness that of the user times `m_tables.alpha_scale`?
-    bool m_builtin_scaled = false;
+    FrozenChoice<Float> m_builtin_scaled;
+    /// The choice that the tables hold
+    FrozenChoice<Float> m_steep;
     std::shared_ptr<const sgtd::host::Ndf> m_ndf;
     SgtdTables<Float> m_tables;
     /// The lowest node that the numbers allow, and the factor on the user's roughness there
@@ -323,13 +553,18 @@ private:
     double m_accuracy;
 
     /// Name of the row, and its parameters; the last one is the shift or mu.
-    static constexpr size_t Offset = 3;
-    using Parameters               = std::array<Parameter, Offset + 1>;
+    static constexpr size_t Offset = 3, Count = 4;
+    using Parameters = std::array<Parameter, Count>;
     std::string m_row;
     Parameters m_parameters = { { { "gamma", 0.0, false, false, false },
                                   { "p", 0.0, false, false, false },
                                   { "lambda", 0.0, false, false, false },
                                   { "shift", 0.0, false, true, false } } };
+    /// The same for traverse(). Values stay in double precision: what was given is not rounded.
+    Float m_shown[Count];
+
+    std::string m_plugin;
+    std::vector<Watched> m_watched;
 
     /// What the tables were made for.
     struct Current {
@@ -338,7 +573,9 @@ private:
     };
     std::optional<Current> m_current;
 
-    MI_TRAVERSE_CB(Base, m_alpha_u, m_alpha_v, m_tables)
+    // Choices first: see FrozenChoice
+    MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_builtin,
+                   m_beckmann, m_builtin_scaled, m_steep, m_shown, m_alpha_u, m_alpha_v, m_tables)
 };
 
 NAMESPACE_END(mitsuba)

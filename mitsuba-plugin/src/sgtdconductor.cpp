@@ -27,19 +27,21 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
 
  * - eta, k
    - |spectrum| or |texture|
-   - Real and imaginary part of the index of refraction. Numbers must be finite and at least 0.
+   - Real and imaginary part of the index of refraction. Numbers must be finite; parts below 0,
+     which some fits to metals have, mean what they mean in ``roughconductor``, with a warning.
      (Default: 0 and 1, a perfect mirror)
    - |exposed|, |differentiable|, |discontinuous|
 
  * - specular_reflectance
    - |spectrum| or |texture|
-   - Factor on the reflected light. Numbers must be finite and at least 0. (Default: 1)
+   - Factor on the reflected light. Numbers must be finite; below 0, a warning. (Default: 1)
    - |exposed|, |differentiable|
 
  * - alpha, alpha_u, alpha_v
    - |float| or |texture|
-   - Roughness, or roughness along the tangent and the bitangent. Numbers must be finite and at
-     least 0. Values below 1e-4 are raised to 1e-4, those of textures too. (Default: 0.1)
+   - Roughness, or roughness along the tangent and the bitangent. Numbers must be finite. Values
+     below 1e-4 are raised to 1e-4, those of textures too; a number below 0 is told by a warning,
+     and refused when an update brings it. (Default: 0.1)
    - |exposed|, |differentiable|, |discontinuous|
 
  * - distribution
@@ -85,8 +87,8 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
  * - mu
    - |float|
    - That slope itself, at least 0. Excludes ``shift``; needs one constant ``alpha``. The tables
-     follow when ``alpha`` is changed; derivatives with respect to ``alpha`` are those at a fixed
-     shift. (Default: none)
+     follow when ``alpha`` is changed; derivatives with respect to ``alpha`` would lack what the
+     tables contribute, and are refused. (Default: none)
    - |exposed|
 
  * - masking
@@ -140,23 +142,29 @@ the isotropic surface with their mean, and the balance of energy is approximate.
 roughness up to 8. They hold E within 1e-3; where one does not (thin rings with two roughnesses), a
 warning tells the error. Equal materials share one.
 
-The shape parameters are exposed as plain numbers, without derivatives. Changing one makes new
-tables; a value out of range is refused, and the material keeps what it had.
+The shape parameters are exposed as numbers without derivatives. Changing one makes new tables, which
+a frozen function cannot record: it is done before the call, and the function follows. An update with
+a number that is out of range or not finite is refused, and the material keeps all that it had.
+
+What the ``albedo`` of the ``aov`` integrator shows is a color for denoisers: the reflectance at normal
+incidence times ``specular_reflectance``, within [0, 1] and the same from every view.
 
  */
 // clang-format on
 template <typename Float, typename Spectrum> class SgtdConductor final
     : public SgtdBSDF<Float, Spectrum> {
 public:
-    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_sample_visible,
-                   m_height_correlated, m_builtin, m_ndf, m_node, m_tables, builtin_g2,
-                   check_constant, describe, roughness, to_stokes_bases)
+    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
+                   m_sample_visible, m_height_correlated, m_builtin, m_ndf, m_node, m_tables,
+                   builtin, builtin_g2, changed, check_constant, constant, describe, roughness,
+                   to_stokes_bases, watch)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
     SgtdConductor(const Properties &props) : Base(props) {
         read_metal(props);
         m_multiple_scattering = props.get<bool>("multiple_scattering", false);
+        m_colored             = m_specular_reflectance != nullptr;
         update_losses();
         update_flags();
     }
@@ -172,11 +180,29 @@ public:
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
         const sgtd::host::RowShape before = m_node;
         Base::parameters_changed(keys);
-        bool shape = keys.empty() || !(m_node == before),
-             pair  = string::contains(keys, "alpha_u") || string::contains(keys, "alpha_v");
-        if (shape || (m_losses.fixed && pair))
+        for (const char *name : { "alpha_u", "alpha_v" })
+            if (m_losses.fixed && recording<Float>() && string::contains(keys, name))
+                Throw("parameter \"%s\" cannot be changed inside a frozen function where "
+                      "multiple_scattering is on, as it has a table for two roughnesses: change it "
+                      "before the call",
+                      name);
+        bool pair = changed(keys, "alpha_u") || changed(keys, "alpha_v");
+        if (!(m_node == before) || (m_losses.fixed && pair && !recording<Float>()))
             update_losses();
         update_flags();
+    }
+
+    /**
+     * Not a diffuse part, which metals lack, but what denoisers take an albedo for: a color in [0,
+     * 1] that does not depend on the view. It is the reflectance at normal incidence, whatever the
+     * roughness.
+     */
+    Spectrum eval_diffuse_reflectance(const SurfaceInteraction3f &si, Mask active) const override {
+        dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
+        UnpolarizedSpectrum albedo = fresnel_conductor(UnpolarizedSpectrum(1.f), eta);
+        if (m_specular_reflectance)
+            albedo *= m_specular_reflectance->eval(si, active);
+        return depolarizer<Spectrum>(dr::clip(albedo, 0.f, 1.f)) & active;
     }
 
     std::pair<BSDFSample3f, Spectrum> sample(const BSDFContext &ctx, const SurfaceInteraction3f &si,
@@ -195,9 +221,9 @@ public:
         UnpolarizedSpectrum weight;
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
-            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
-            std::tie(m, bs.pdf) = distr.sample(si.wi, sample2);
-            bs.wo               = reflect(si.wi, m);
+            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
+            std::tie(m, bs.pdf)          = distr.sample(si.wi, sample2);
+            bs.wo                        = reflect(si.wi, m);
             active &= bs.pdf != 0.f && Frame3f::cos_theta(bs.wo) > 0.f;
             if (m_sample_visible)
                 weight = m_height_correlated
@@ -303,6 +329,10 @@ private:
         }
         if (props.has_property("specular_reflectance"))
             m_specular_reflectance = props.get_texture<Texture>("specular_reflectance");
+        watch("eta", m_eta.get());
+        watch("k", m_k.get());
+        if (m_specular_reflectance)
+            watch("specular_reflectance", m_specular_reflectance.get());
     }
 
     /// Makes the table of what single scattering loses, if it is to be returned.
@@ -313,17 +343,16 @@ private:
         // Mitsuba's own distributions have no tables of ours
         std::shared_ptr<const sgtd::host::Ndf> ndf =
             m_ndf ? m_ndf : sgtd::host::Ndf::get(m_node.shape, 1e-5, false);
-        auto constant = [&](const Texture *alpha) {
-            return std::max((double)dr::slice(dr::detach(alpha->mean())) * m_node.alpha_scale,
-                            1e-4);
-        };
-        bool varying = m_alpha_u->is_spatially_varying() || m_alpha_v->is_spatially_varying();
-        if (m_alpha_u == m_alpha_v || varying) {
-            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
+        // A roughness that is no number counts as one that varies
+        std::optional<double> u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
+        if (m_anisotropic && u && v) {
+            auto scaled = [&](double alpha) { return std::max(alpha * m_node.alpha_scale, 1e-4); };
+            m_losses    = MultipleScattering::load(
+                ndf->losses(m_height_correlated, scaled(*u), scaled(*v)), scaled(*u), scaled(*v));
         } else {
-            double u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
-            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated, u, v), u, v);
+            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
         }
+        m_pair = m_losses.fixed;
         if (m_losses.source->reached > 1e-3)
             Log(Warn,
                 "sgtdconductor: with multiple_scattering, the share of light that single "
@@ -334,7 +363,7 @@ private:
 
     void update_flags() {
         m_flags = BSDFFlags::GlossyReflection | BSDFFlags::FrontSide;
-        if (m_alpha_u != m_alpha_v)
+        if (m_anisotropic)
             m_flags = m_flags | BSDFFlags::Anisotropic;
         m_components.clear();
         m_components.push_back(m_flags);
@@ -368,7 +397,7 @@ private:
         Float D = 0.f, G = 0.f, pdf = 0.f;
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
-            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
+            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
             if constexpr (Value || Pdf)
                 D = distr.eval(m);
             if constexpr (Value)
@@ -454,11 +483,16 @@ private:
 
 private:
     ref<Texture> m_eta, m_k, m_specular_reflectance;
-    bool m_multiple_scattering;
+    FrozenChoice<Float> m_multiple_scattering;
+    /// Is the table of losses that of two roughnesses?
+    FrozenChoice<Float> m_pair;
+    /// Is there a specular_reflectance?
+    FrozenChoice<Float> m_colored;
     /// Empty unless light is scattered more than once
     SgtdMultipleScattering<Float> m_losses;
 
-    MI_TRAVERSE_CB(Base, m_eta, m_k, m_specular_reflectance, m_losses)
+    MI_TRAVERSE_CB(Base, m_multiple_scattering, m_pair, m_colored, m_eta, m_k,
+                   m_specular_reflectance, m_losses)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have

@@ -38,8 +38,8 @@ Rough dielectric with an SGTD distribution (:monosp:`sgtddielectric`)
 
  * - specular_reflectance, specular_transmittance
    - |spectrum| or |texture|
-   - Factors on the reflected and on the transmitted light. Numbers must be finite and at least 0;
-     physical values are 1. (Default: 1)
+   - Factors on the reflected and on the transmitted light. Numbers must be finite; below 0, a
+     warning. Physical values are 1. (Default: 1)
    - |exposed|, |differentiable|
 
  * - alpha, alpha_u, alpha_v, distribution, gamma, p, lambda, shift, mu, masking, sample_visible, accuracy
@@ -75,14 +75,18 @@ Equal indices are allowed: light then passes straight on, reported as ``DeltaTra
 does where eta differs from 1 by less than 1e-5, since two directions in single precision no longer
 say there which facet refracts one into the other.
 
+The ``albedo`` of the ``aov`` integrator is what is reflected and transmitted at normal incidence:
+1 unless the glass is colored.
+
  */
 // clang-format on
 template <typename Float, typename Spectrum> class SgtdDielectric final
     : public SgtdBSDF<Float, Spectrum> {
 public:
-    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_sample_visible,
-                   m_height_correlated, m_builtin, m_ndf, m_tables, builtin_g2, check_constant,
-                   describe, roughness, to_stokes_bases)
+    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
+                   m_sample_visible, m_height_correlated, m_builtin, m_ndf, m_tables, builtin,
+                   builtin_g2, changed, check_constant, describe, restore, roughness,
+                   to_stokes_bases, watch)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
@@ -93,13 +97,18 @@ public:
             m_specular_reflectance = props.get_texture<Texture>("specular_reflectance");
         if (props.has_property("specular_transmittance"))
             m_specular_transmittance = props.get_texture<Texture>("specular_transmittance");
+        if ((m_colored_reflection = m_specular_reflectance != nullptr))
+            watch("specular_reflectance", m_specular_reflectance.get());
+        if ((m_colored_transmission = m_specular_transmittance != nullptr))
+            watch("specular_transmittance", m_specular_transmittance.get());
 
         double int_ior = ior(props, "int_ior", "bk7"), ext_ior = ior(props, "ext_ior", "air");
         m_eta = (ScalarFloat)(int_ior / ext_ior);
+        check_eta();
         update_eta();
 
         uint32_t extra = BSDFFlags::FrontSide | BSDFFlags::BackSide;
-        if (m_alpha_u != m_alpha_v)
+        if (m_anisotropic)
             extra = extra | BSDFFlags::Anisotropic;
         m_components.push_back(extra | BSDFFlags::GlossyReflection);
         m_components.push_back(extra | BSDFFlags::GlossyTransmission | BSDFFlags::NonSymmetric);
@@ -116,9 +125,34 @@ public:
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
-        Base::parameters_changed(keys);
-        if (keys.empty() || string::contains(keys, "eta"))
+        bool index = changed(keys, "eta");
+        try {
+            if (index)
+                check_eta();
+            Base::parameters_changed(keys);
+        } catch (...) {
+            if (index)
+                m_eta = dr::opaque<Float>(m_last_eta);
+            restore();
+            throw;
+        }
+        if (index)
             update_eta();
+    }
+
+    /**
+     * Not a diffuse part, which glass lacks, but what denoisers take an albedo for: a color in [0,
+     * 1] that does not depend on the view. It is what glass reflects and transmits at normal
+     * incidence, whatever the roughness: 1 unless it is colored.
+     */
+    Spectrum eval_diffuse_reflectance(const SurfaceInteraction3f &si, Mask active) const override {
+        UnpolarizedSpectrum F(std::get<0>(fresnel(Float(1.f), m_eta))), reflected = F,
+                                                                        transmitted = 1.f - F;
+        if (m_specular_reflectance)
+            reflected *= m_specular_reflectance->eval(si, active);
+        if (m_specular_transmittance)
+            transmitted *= m_specular_transmittance->eval(si, active);
+        return depolarizer<Spectrum>(dr::clip(reflected + transmitted, 0.f, 1.f)) & active;
     }
 
     std::pair<BSDFSample3f, Spectrum> sample(const BSDFContext &ctx, const SurfaceInteraction3f &si,
@@ -140,7 +174,7 @@ public:
         auto finish = [&](const Normal3f &m, const Float &pdf_m,
                           const auto &weigh) -> std::pair<BSDFSample3f, Spectrum> {
             Float dot_i = dr::dot(si.wi, m);
-            if (!ordinary()) // otherwise bs.pdf > 0 says so
+            if (!m_ordinary) // otherwise bs.pdf > 0 says so
                 active &= pdf_m > 0.f;
 
             auto [F, cos_t, eta, inv_eta] = fresnel(dot_i, m_eta);
@@ -161,7 +195,7 @@ public:
 
             Mask straight      = !reflected && index_matched(eta);
             Vector3f refracted = refract(si.wi, m, cos_t, inv_eta);
-            if (!ordinary()) // at great indices it cancels, and is no longer as long as 1
+            if (!m_ordinary) // at great indices it cancels, and is no longer as long as 1
                 refracted = dr::normalize(refracted);
             bs.wo                       = dr::select(reflected, reflect(si.wi, m), refracted);
             dr::masked(bs.wo, straight) = -si.wi;
@@ -189,10 +223,10 @@ public:
 
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
-            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
-            auto [m_, pdf_] = widened(distr, cos_i).sample(wi, sample2);
-            Normal3f m      = m_;
-            Float pdf_m     = pdf_;
+            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
+            auto [m_, pdf_]              = widened(distr, cos_i).sample(wi, sample2);
+            Normal3f m                   = m_;
+            Float pdf_m                  = pdf_;
             return finish(
                 m, pdf_m, [&](const Vector3f &wo, const Mask &reflected, const Float &dot_i) {
                     if (!m_sample_visible)
@@ -255,6 +289,11 @@ public:
 
     MI_DECLARE_CLASS(SgtdDielectric)
 
+protected:
+    const Float *shown(const std::string &name) const override {
+        return name == "eta" ? &m_eta : Base::shown(name);
+    }
+
 private:
     // ------------------------------------------------------------------
     //  Index of refraction
@@ -279,44 +318,35 @@ private:
         return value;
     }
 
-    /// Derives what follows from eta; a bad one is refused, and the last one stays.
-    void update_eta() {
-        bool readable = true;
-        // While a frozen function is recorded there are no values
-        if constexpr (dr::is_jit_v<Float>)
-            readable = !jit_flag(JitFlag::FreezingScope);
-        if (readable) {
-            double value = (double)dr::slice(dr::detach(m_eta));
-            if (!std::isfinite(value) || value <= 0.0) {
-                m_eta = m_last_eta;
-                Throw("parameter \"eta\" is %s, but must be a finite number above 0", value);
-            }
-            m_last_eta = (ScalarFloat)value;
-        }
-        m_inv_eta = dr::rcp(m_eta);
-        dr::make_opaque(m_eta, m_inv_eta);
-
-        // Where its value is not known, eta may be anything
-        m_match = Float();
-        if (!readable || !(m_last_eta > .25f && m_last_eta < 4.f) ||
-            std::abs(m_last_eta - 1.f) < 1e-3f) {
-            m_match = 1e-5f;
-            dr::make_opaque(m_match);
-        }
+    /// Refuses a bad eta.
+    void check_eta() const {
+        if (recording<Float>())
+            return;
+        if (dr::width(m_eta) != 1)
+            Throw("parameter \"eta\" is an array of %s numbers, but must be one number",
+                  dr::width(m_eta));
+        double value = (double)dr::slice(dr::detach(m_eta));
+        if (!std::isfinite(value) || value <= 0.0)
+            Throw("parameter \"eta\" is %s, but must be a finite number above 0", value);
     }
 
-    /// Is eta for certain neither equal to 1 nor so great or small that refract() cancels?
-    bool ordinary() const {
-        if constexpr (dr::is_jit_v<Float>)
-            return dr::width(m_match) == 0;
+    /// Derives what follows from eta.
+    void update_eta() {
+        if (recording<Float>()) // from now on it may be anything
+            m_eta_known = false;
         else
-            return m_match == 0;
+            m_last_eta = dr::slice(dr::detach(m_eta));
+        m_inv_eta = dr::rcp(m_eta);
+        m_match   = 1e-5f;
+        dr::make_opaque(m_eta, m_inv_eta, m_match);
+        m_ordinary = m_eta_known && m_last_eta > .25f && m_last_eta < 4.f &&
+                     std::abs(m_last_eta - 1.f) >= 1e-3f;
     }
 
     /// Is eta so near 1 that light passes straight on? There a direction's rounding, 1e-7, is one
     /// percent of the half vector wi + eta wo.
     Mask index_matched(const Float &eta) const {
-        return ordinary() ? Mask(false) : Mask(dr::abs(eta - 1.f) < m_match);
+        return m_ordinary ? Mask(false) : Mask(dr::abs(eta - 1.f) < m_match);
     }
 
     // ------------------------------------------------------------------
@@ -382,7 +412,7 @@ private:
             active &= !reflected;
         if (!transmits)
             active &= reflected;
-        else if (!ordinary())
+        else if (!m_ordinary)
             active &= reflected || !index_matched(eta);
         if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
             return { 0.f, 0.f };
@@ -395,7 +425,7 @@ private:
         Mask lit                = true;
         auto [alpha_u, alpha_v] = roughness(si, active);
         if (m_builtin) {
-            MicrofacetDistribution distr(*m_builtin, alpha_u, alpha_v, m_sample_visible);
+            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
             if constexpr (Value || Pdf)
                 D = distr.eval(m);
             if constexpr (Value)
@@ -469,13 +499,18 @@ private:
     ref<Texture> m_specular_reflectance, m_specular_transmittance;
     /// Relative index of refraction below the surface, and above it
     Float m_eta, m_inv_eta;
-    /// Distance from 1 within which an index counts as equal; absent (0 in scalar variants) where
-    /// eta is ordinary. A frozen function notices that by the variables it meets.
+    /// Distance from 1 within which an index counts as equal
     Float m_match;
     ScalarFloat m_last_eta = 1;
+    /// Is eta what the host saw last? Not after a change inside a frozen function.
+    bool m_eta_known = true;
+    /// Is eta for certain neither equal to 1 nor so great or small that refract() cancels?
+    FrozenChoice<Float> m_ordinary;
+    /// Are there a specular_reflectance and a specular_transmittance?
+    FrozenChoice<Float> m_colored_reflection, m_colored_transmission;
 
-    MI_TRAVERSE_CB(Base, m_specular_reflectance, m_specular_transmittance, m_eta, m_inv_eta,
-                   m_match)
+    MI_TRAVERSE_CB(Base, m_ordinary, m_colored_reflection, m_colored_transmission,
+                   m_specular_reflectance, m_specular_transmittance, m_eta, m_inv_eta, m_match)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have
