@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import os
 import subprocess
 import sys
@@ -19,8 +18,6 @@ import pytest
 from sgtd import cli
 from sgtd.compare import FILES, difference
 from sgtd.scene import variants
-from sgtd.scene.graph import read_scene
-from sgtd.scene.render import plan_passes, render
 
 SCENES = sorted((Path(__file__).parents[1] / "scenes").glob("*.xml"))
 
@@ -210,7 +207,7 @@ def test_compare_a_black_scene(sgtd, scene, tmp_path):
     scene.write_text(scene.read_text().replace('value="0.2"', 'value="0"').replace('value="30"', 'value="0"'))
     status, out, _ = sgtd("compare", scene, "-o", tmp_path / "out", "--spp", 2, "--variant", "scalar_rgb")
     assert status == 0
-    assert "No difference" in out
+    assert "Both images are black: no light reaches the camera." in out
 
 
 def third_party(folder):
@@ -446,27 +443,6 @@ def test_without_llvm_the_scalar_variant_is_used_and_said(scene, tmp_path):
 # --- measurements
 
 
-def test_the_halves_have_disjoint_samples_and_make_the_whole(scene):
-    mi.set_variant("scalar_rgb")
-    scene.write_text(scene.read_text().replace("</film>", '<rfilter type="box"/></film>'))
-    built = read_scene(scene, {}).build()
-    (result,) = render([built], 0, 10, lambda _: None)
-    (a, n), (b, m) = result.halves
-    assert (n + m, result.spp, result.passes) == (10, 10, 4)
-    assert np.mean(np.abs(a - b)) > 1e-3
-    assert result.rgb() == pytest.approx((n * a + m * b) / (n + m), rel=1e-5, abs=1e-5)
-
-
-@pytest.mark.parametrize("structured", [False, True])
-@pytest.mark.parametrize("scalar", [False, True])
-def test_passes_add_up_and_fit_in_memory(structured, scalar):
-    for pixels, spp in ((1, 1), (100, 3), (2_000_000, 256), (24, 1001), (50_000_000, 2)):
-        plan = plan_passes(pixels, spp, structured, scalar)
-        assert sum(plan) == spp
-        assert max(plan) - min(plan) <= 1
-        assert max(plan) * pixels <= 2**25 or max(plan) == 1
-
-
 def test_the_noise_free_rmse_finds_a_difference_below_the_noise(sgtd, scene, tmp_path):
     """Between gamma = 2 and 2.2 the difference is small; RMSE² is noise² + (beyond noise)² to a few percent."""
     folder = tmp_path / "out"
@@ -478,14 +454,8 @@ def test_the_noise_free_rmse_finds_a_difference_below_the_noise(sgtd, scene, tmp
     assert total**2 == pytest.approx(noise**2 + beyond**2, rel=0.2)
 
 
-def test_exposure_and_stops():
+def test_stops():
     image = np.full((8, 8, 3), 0.1)
-    assert difference.exposure_for(image) == pytest.approx(-1 / 3)  # 0.1 becomes 0.08
-    lamp = image.copy()
-    lamp[0, 0] = 1e6
-    assert difference.exposure_for(lamp) == pytest.approx(-2 / 3)  # one white pixel of 64, however bright
-    assert difference.exposure_for(np.where(lamp > 1, lamp, 0)) == pytest.approx(-math.log2(1e6), abs=1e-6)
-    assert difference.exposure_for(np.zeros((4, 4, 3))) == 0.0
     floor, decades = difference.floor_for(image, image, 3.0, log=False)
     assert (floor, decades) == (0.01 / 8, 0)
     assert difference.stops_between(image, image * 2, floor).mean() == pytest.approx(1.0, abs=0.02)

@@ -247,7 +247,10 @@ def test_bad_settings(text, message):
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ('<bsdf type="conductor"/>', "there is nothing to exchange"),
+        (
+            '<bsdf type="conductor"/>',
+            "nothing to exchange: the scene has 1 × conductor.*never exchanged: conductor \\(smooth\\)",
+        ),
         ('<float name="x" value="$y"/>', "undefined parameter"),
     ],
 )

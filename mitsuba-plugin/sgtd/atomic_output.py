@@ -3,6 +3,7 @@
 Each file is written under a temporary name in the folder where it will stand, and all of them get their real
 names at the end, when nothing can fail any more for a reason that the user could meet. An error on the way
 leaves the folder as it was: the temporary files are removed, and so are the folders that were made for them.
+:func:`check` finds out beforehand whether files could be written, so that no work is done for nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +15,16 @@ from types import TracebackType
 from typing import final
 
 from .errors import UserError, os_reason
+
+
+def check(folder: Path, names: tuple[str, ...]) -> None:
+    """Raises an error if these files could not be written into the folder; leaves everything as it was."""
+    with AtomicOutput(folder) as files:
+        for name in names:
+            files.path(name)
+        files.refuse_folders()
+        files.discard(*names)
+        files.forget_folders()
 
 
 @final
@@ -36,6 +47,24 @@ class AtomicOutput:
         temporary = self.folder / f".{self._token}-{name}"
         self._names[temporary] = self.folder / name
         return temporary
+
+    def discard(self, *names: str) -> None:
+        """Gives up these files."""
+        for temporary in [key for key, place in self._names.items() if place.name in names]:
+            temporary.unlink(missing_ok=True)
+            del self._names[temporary]
+
+    def refuse_folders(self) -> None:
+        """Raises an error if a folder has the name of one of the files."""
+        for place in self._names.values():
+            if place.is_dir():
+                raise UserError(f"cannot write {place}: it is a folder")
+
+    def forget_folders(self) -> None:
+        """Removes the folders that were made for the files, as far as they are empty."""
+        for folder in reversed(self._made):
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
     def __enter__(self) -> AtomicOutput:
         try:
@@ -61,9 +90,7 @@ class AtomicOutput:
                 raise UserError(f"cannot write into {self.folder}: {os_reason(error)}") from error
             return
         try:
-            for final in self._names.values():
-                if final.is_dir():
-                    raise UserError(f"cannot write {final}: it is a folder")
+            self.refuse_folders()
             for temporary, final in self._names.items():
                 os.replace(temporary, final)
         except OSError as failure:
@@ -88,6 +115,4 @@ class AtomicOutput:
     def _undo(self) -> None:
         for temporary in self._names:
             temporary.unlink(missing_ok=True)
-        for folder in reversed(self._made):
-            if not any(folder.iterdir()):
-                folder.rmdir()
+        self.forget_folders()

@@ -147,7 +147,7 @@ def study(
 
     reference = np.array(images[0.0, True])
     level = max(float(luminance(reference.mean(axis=0)).mean()), 1e-30)
-    exposure = exposure_for(reference.mean(axis=0))
+    exposure = exposure_for(reference.mean(axis=0)).stops
     rows = {key: _row(key, np.array(images[key]), reference, level, exposure, spp, seconds[key]) for key in keys}
 
     slowest = max(rows[key].seconds_per_spp.median for key in keys)

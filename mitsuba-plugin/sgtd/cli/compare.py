@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from .options import DEFINE, PATH, SCENE, SENSOR, SPP, VARIANT
-from .session import Bars, console_for_tables, start_mitsuba
+from .options import DEFINE, EXPOSURE, INTEGRATOR, LENIENT, PATH, SCENE, SENSOR, SPP, VARIANT
+from .session import Bars, console_for_tables, open_scene, start_mitsuba
 
 
 @click.command("compare", short_help="Compare Mitsuba's rough materials with ours in any scene.")
@@ -24,8 +25,10 @@ from .session import Bars, console_for_tables, start_mitsuba
 @VARIANT
 @SPP
 @SENSOR
+@INTEGRATOR
+@LENIENT
 @DEFINE
-@click.option("--exposure", type=float, metavar="STOPS", help="Exposure of the picture (default: by the left image).")
+@EXPOSURE
 @click.option("-l", "--log", is_flag=True, help="Show luminance on a logarithmic scale.")
 def compare_command(
     scene: Path,
@@ -34,6 +37,8 @@ def compare_command(
     variant: str | None,
     spp: int | None,
     sensor: int,
+    integrator: tuple[str, dict[str, Any]] | None,
+    lenient: bool,
     parameters: dict[str, str],
     exposure: float | None,
     log: bool,
@@ -54,13 +59,16 @@ def compare_command(
 
     Writes left.exr, right.exr, comparison.png, comparison.csv and comparison.json.
     """
-    from ..compare import PICTURE, compare_scene
+    from .. import atomic_output
+    from ..compare import FILES, PICTURE, compare_scene
     from ..scene.exchange import parse_settings
-    from ..scene.graph import read_scene
+    from ..scene.graph import check_scene_file
 
+    check_scene_file(scene)
     shape = parse_settings(settings)
+    atomic_output.check(output, FILES)
     start_mitsuba(variant)
-    graph = read_scene(scene, parameters)
+    graph = open_scene(scene, parameters, integrator, lenient)
     with Bars() as bars:
         report = compare_scene(graph, output, shape, parameters, sensor, spp, exposure, log, bars.add)
     console = console_for_tables()

@@ -16,7 +16,23 @@ from .render import render_command
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
+def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        import sgtd
+
+        click.echo(f"sgtd {sgtd.__version__}, for Mitsuba {sgtd.MITSUBA_RELEASE}")
+        context.exit()
+
+
 @click.group(context_settings=_CONTEXT, invoke_without_command=True)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Say the version, and that of Mitsuba which it is built for.",
+)
 @click.pass_context
 def cli(context: click.Context) -> None:
     """The SGTD family of microfacet distributions in Mitsuba 3.

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from .options import DEFINE, SCENE, VARIANT
+from .options import DEFINE, LENIENT, SCENE, VARIANT
 from .session import Bars, console_for_tables, start_mitsuba
 
 
 @click.command("explain", short_help="Say what each material costs, why, and what would be cheaper.")
 @SCENE
 @VARIANT
+@LENIENT
 @DEFINE
 @click.option("--json", "as_json", is_flag=True, help="Write JSON instead of tables.")
 @click.option(
@@ -23,7 +24,7 @@ from .session import Bars, console_for_tables, start_mitsuba
     help="Pairs of timings per kind of material; 0 measures no time.",
 )
 def explain_command(
-    scene: Path, variant: str | None, parameters: dict[str, str], as_json: bool, repetitions: int
+    scene: Path, variant: str | None, lenient: bool, parameters: dict[str, str], as_json: bool, repetitions: int
 ) -> None:
     """Say what each material of a scene costs, why, and what would be cheaper.
 
@@ -39,10 +40,11 @@ def explain_command(
     import json
 
     from ..explain.report import as_dict, explain, print_explanation
-    from ..scene.graph import read_scene
+    from ..scene.graph import check_scene_file, read_scene
 
+    check_scene_file(scene)
     start_mitsuba(variant)
-    graph = read_scene(scene, parameters)
+    graph = read_scene(scene, parameters, lenient)
     with Bars() as bars:
         explanation = explain(graph, repetitions, bars.add)
     if as_json:

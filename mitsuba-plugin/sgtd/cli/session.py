@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, final
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
 
 import click
 
-from ..errors import mitsuba_errors
+from ..errors import mitsuba_errors, one_line
+
+if TYPE_CHECKING:
+    from ..scene.graph import SceneGraph
 
 
 def start_mitsuba(requested: str | None) -> str:
@@ -22,9 +27,49 @@ def start_mitsuba(requested: str | None) -> str:
         variant, remark = choose(requested)
         mi.set_variant(variant)
         mi.set_log_level(mi.LogLevel.Warn)
+    _send_warnings_to_the_error_stream()
     if remark:
         click.echo(f"sgtd: {remark}", err=True)
     return variant
+
+
+def _send_warnings_to_the_error_stream() -> None:
+    """Mitsuba itself writes them, in color, into the standard output, where they would be part of a result."""
+    import mitsuba as mi
+
+    said: set[str] = set()
+
+    class Plain(mi.Formatter):  # type: ignore[misc]
+        def format(self, _level: Any, _class: str | None, _file: str, _line: int, message: str) -> str:
+            return message
+
+    class ErrorStream(mi.Appender):  # type: ignore[misc]
+        def append(self, level: Any, text: str) -> None:
+            line = one_line(text)
+            if line not in said:  # both sides of a comparison have the same to say
+                said.add(line)
+                word = "warning: " if level == mi.LogLevel.Warn else ""
+                click.echo(f"sgtd: {word}{line}", err=True)
+
+        def log_progress(self, *_: Any) -> None:
+            pass
+
+    logger = mi.logger()
+    logger.clear_appenders()
+    logger.set_formatter(Plain())
+    logger.add_appender(ErrorStream())
+
+
+def open_scene(
+    path: Path, parameters: Mapping[str, str], integrator: tuple[str, Mapping[str, Any]] | None, lenient: bool
+) -> SceneGraph:
+    """The scene that the options of a command ask for."""
+    from ..scene.graph import read_scene
+
+    graph = read_scene(path, parameters, lenient)
+    if integrator is not None:
+        graph.use_integrator(*integrator)
+    return graph
 
 
 def console_for_tables() -> Any:

@@ -6,15 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..atomic_output import AtomicOutput
+from ..errors import UserError, one_line
 from ..scene.exchange import Pair, exchange
 from ..scene.graph import SceneGraph
 from ..scene.render import Progress, render, sample_count, save
-from .difference import compare_images
+from ..scene.timing import seconds_text
+from .difference import compare_images, require_flip
 from .figure import Labels, draw, ratio_text
 from .table import Report
 
 PICTURE = "comparison.png"
-FILES = ("left.exr", "right.exr", PICTURE, "comparison.csv", "comparison.json")
+IMAGES = ("left.exr", "right.exr")
+FILES = (*IMAGES, PICTURE, "comparison.csv", "comparison.json")
 
 # Gets the name of a step and its length, and returns the call that advances it.
 Steps = Callable[[str, int], Progress]
@@ -34,38 +37,55 @@ def compare_scene(
     """Renders both sides with the same samples, measures, and writes ``FILES`` into the folder."""
     import mitsuba as mi
 
+    require_flip()
+    graph.require_integrator()
     pair = exchange(graph, settings)
     steps = steps or _silent
+    undrawn: Exception | None = None
     with AtomicOutput(folder) as files:
         # Both are built before any rendering, so that a refused shape shows at once.
         scenes = [pair.left.build(), pair.right.build()]
         count = sample_count(scenes[0], sensor, spp)
         left, right = render(scenes, sensor, count, steps("rendering", 2 * count))
         del scenes
+        for name, rendering in zip(IMAGES, (left, right)):
+            save(rendering.bitmap, files.path(name))
 
         done = steps("comparing", 2)
-        result = compare_images(left, right, exposure, log)
-        done(1)
-        size = left.bitmap.size()
-        report = Report(
-            scene=graph.path,
-            parameters=parameters,
-            settings=settings,
-            variant=mi.variant(),
-            mitsuba=mi.__version__,
-            width=int(size[0]),
-            height=int(size[1]),
-            pair=pair,
-            left=left,
-            right=right,
-            result=result,
-        )
-        for name, rendering in (("left.exr", left), ("right.exr", right)):
-            save(rendering.bitmap, files.path(name))
-        draw(files.path(PICTURE), left.rgb(), right.rgb(), result, labels(report))
-        report.write_csv(files.path("comparison.csv"))
-        report.write_json(files.path("comparison.json"))
-        done(1)
+        try:
+            result = compare_images(left, right, exposure, log)
+            done(1)
+            size = left.bitmap.size()
+            report = Report(
+                scene=graph.path,
+                name=graph.name,
+                parameters=parameters,
+                settings=settings,
+                variant=mi.variant(),
+                mitsuba=mi.__version__,
+                width=int(size[0]),
+                height=int(size[1]),
+                pair=pair,
+                left=left,
+                right=right,
+                result=result,
+            )
+            draw(files.path(PICTURE), left.rgb(), right.rgb(), result, labels(report))
+            report.write_csv(files.path("comparison.csv"))
+            report.write_json(files.path("comparison.json"))
+            done(1)
+        except Exception as error:
+            # What was rendered is kept, and nothing that an earlier run said of other images beside it.
+            undrawn = error
+            rest = tuple(name for name in FILES if name not in IMAGES)
+            files.discard(*rest)
+            for name in rest:
+                (folder / name).unlink(missing_ok=True)
+    if undrawn:
+        raise UserError(
+            f"the images are rendered ({' and '.join(str(folder / name) for name in IMAGES)}), "
+            f"but not compared: {one_line(undrawn)}"
+        ) from undrawn
     return report
 
 
@@ -78,14 +98,20 @@ def labels(report: Report) -> Labels:
     )
     if result.rmse_noise is not None:
         numbers += f" (noise alone {result.rmse_noise:.2g}, beyond noise {result.rmse_beyond_noise:.3g})"
-    numbers += f".  Time {left.seconds:.3g} s and {right.seconds:.3g} s without compiling."
+    compiling = "compiling included" if left.timing.compiling_is_included else "without compiling"
+    numbers += f".  Time {seconds_text(left.timing)} and {seconds_text(right.timing)}"
+    numbers += f", {compiling}." if left.timing.compiles else "."
     if report.verdict():
         numbers += "  " + report.verdict()
     return Labels(
-        title=f"{report.scene.name}: the same materials and roughness, another distribution of microfacets",
+        title=f"{report.name}: the same materials and roughness, another distribution of microfacets",
         left=side_text(report.pair, "left"),
         right=side_text(report.pair, "right"),
-        footer=(numbers, f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds."),
+        footer=(
+            numbers,
+            f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds.  "
+            + left.sampling_note(),
+        ),
     )
 
 

@@ -5,6 +5,7 @@ Images are arrays (height, width, 3) of linear sRGB. Luminance is Rec. 709. "Lef
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from dataclasses import dataclass
 
@@ -15,12 +16,14 @@ from ..scene.render import Rendering
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
-# The exposure makes this the mean display luminance of the reference (1 = white), where whatever is brighter than
-# white counts as white. So a light or a highlight, however bright, weighs no more than the pixels that it covers.
-EXPOSURE_TARGET = 0.08
-
-# No exposure beyond this, in stops: a scene that is nearly black everywhere stays so.
-_EXPOSURE_LIMIT = 30.0
+# The exposure by itself, from the luminances of the reference that are above zero ("lit"; 1 is white). Their log-average
+# comes to EXPOSURE_KEY, where the darkest and the brightest quarter count as the quartiles: neither windows nor fireflies
+# nor corners that hardly any light reaches decide. Then it is lowered until no more than EXPOSURE_CLIPPED of the lit
+# pixels are clipped at white, so that highlights keep their shape; but their median stays at EXPOSURE_MEDIAN, or a
+# room with a window would be black. A larger median clips the highlights of dark scenes, a smaller one darkens rooms.
+EXPOSURE_KEY = 0.12
+EXPOSURE_CLIPPED = 0.02
+EXPOSURE_MEDIAN = 0.04
 
 # Differences are measured in stops against a floor of this part of display white, so that what is black on the
 # display on both sides is no difference.
@@ -40,21 +43,31 @@ FLIP_PIXELS_PER_DEGREE = 0.7 * 3840 / 0.7 * math.pi / 180
 
 
 @dataclass(frozen=True)
+class Exposure:
+    """``stops``, and the rule that they follow, as what it does to the left image; "" where the user has set them."""
+
+    stops: float
+    rule: str
+
+
+@dataclass(frozen=True)
 class Comparison:
     """The numbers and maps of one comparison. ``None`` where one pass gave no estimate of the noise.
 
-    ``exposure`` is in stops, the user's if it was given; ``floor`` is the luminance below which differences in
-    ``stops`` fade out; ``decades`` is the span of a logarithmic view above the floor, 0 for sRGB.
+    ``floor`` is the luminance below which differences in ``stops`` fade out; ``decades`` is the span of a logarithmic
+    view above the floor, 0 for sRGB.
 
     ``rmse`` holds a difference and noise. ``rmse_noise`` is the noise alone, estimated from two halves with disjoint
     samples; ``rmse_beyond_noise`` is the difference alone, as the product of the differences in the two halves, in
     which independent noise averages out. So rmse² is about rmse_noise² + rmse_beyond_noise². ``flip_noise`` is the
     FLIP value between the left image and the left image with that noise added. Both sides use the same seeds, so
     noise that they share (the edge of a light) is in neither number.
+
+    ``bad`` are the pixels that are not finite on the left and on the right. Those of either side are in no number:
+    they count as black on both.
     """
 
-    exposure: float
-    exposure_given: bool
+    exposure: Exposure
     floor: float
     decades: int
     mean_left: float
@@ -66,7 +79,7 @@ class Comparison:
     flip_noise: float | None
     largest_difference: float
     brightest: float
-    not_finite: tuple[int, int]
+    bad: tuple[np.ndarray, np.ndarray]
     stops: np.ndarray
     stops_noise: float | None
     flip_map: np.ndarray
@@ -74,7 +87,21 @@ class Comparison:
     @property
     def equal(self) -> bool:
         """The images are equal, or differ by rounding alone."""
-        return self.largest_difference <= ROUNDING * self.brightest
+        return not self.any_bad and self.largest_difference <= ROUNDING * self.brightest
+
+    @property
+    def black(self) -> bool:
+        """Both images are black wherever they are finite."""
+        return self.brightest == 0.0 and self.largest_difference == 0.0
+
+    @property
+    def not_finite(self) -> tuple[int, int]:
+        """How many pixels are not finite, left and right."""
+        return int(self.bad[0].sum()), int(self.bad[1].sum())
+
+    @property
+    def any_bad(self) -> bool:
+        return any(self.not_finite)
 
 
 def luminance(image: np.ndarray) -> np.ndarray:
@@ -82,21 +109,25 @@ def luminance(image: np.ndarray) -> np.ndarray:
     return image @ _LUMINANCE
 
 
-def exposure_for(reference: np.ndarray) -> float:
-    """The exposure in stops, in steps of 1/3, that suits the reference; 0 for a black image."""
-    values = np.maximum(luminance(reference), 0.0)
-    if float(np.mean(values > 0.0)) <= EXPOSURE_TARGET:
-        # So much of the image is black that no exposure reaches the target: the brightest pixel is made white.
-        brightest = float(values.max())
-        return -math.log2(brightest) if brightest > 0.0 else 0.0
-    low, high = -_EXPOSURE_LIMIT, _EXPOSURE_LIMIT
-    for _ in range(24):
-        middle = 0.5 * (low + high)
-        if float(np.minimum(values * 2.0**middle, 1.0).mean()) < EXPOSURE_TARGET:
-            low = middle
-        else:
-            high = middle
-    return round(3.0 * high) / 3.0
+def exposure_for(reference: np.ndarray) -> Exposure:
+    """The exposure, in steps of 1/3 stop, that suits the reference; 0 for a black image."""
+    values = luminance(reference).ravel()
+    lit = values[values > 0.0]
+    if lit.size == 0:
+        return Exposure(0.0, "no pixel of it is lit")
+    logs = np.log2(lit)
+    first, median, third = np.quantile(logs, (0.25, 0.5, 0.75))
+    key = math.log2(EXPOSURE_KEY) - float(np.clip(logs, first, third).mean())
+    highlights = -float(np.quantile(logs, 1.0 - EXPOSURE_CLIPPED))
+    least = math.log2(EXPOSURE_MEDIAN) - float(median)
+    pixels = "lit pixels" if lit.size == values.size else f"lit pixels ({lit.size / values.size:.2%} of all)"
+    if least > min(key, highlights):
+        stops, rule = least, f"the median of its {pixels} is at about {EXPOSURE_MEDIAN:.0%} of white"
+    elif highlights < key:
+        stops, rule = highlights, f"about {EXPOSURE_CLIPPED:.0%} of its {pixels} are clipped"
+    else:
+        stops, rule = key, f"the log-average of its {pixels} is at about {EXPOSURE_KEY:.0%} of white"
+    return Exposure(round(3.0 * stops) / 3.0, rule)
 
 
 def to_display(image: np.ndarray, exposure: float) -> np.ndarray:
@@ -123,12 +154,17 @@ def stops_between(left: np.ndarray, right: np.ndarray, floor: float) -> np.ndarr
     return np.log2(b / a)
 
 
+def require_flip() -> None:
+    """Raises an error if FLIP is not installed."""
+    if importlib.util.find_spec("flip_evaluator") is None:
+        raise UserError("the package flip-evaluator is missing: pip install flip-evaluator")
+
+
 def flip(reference: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
     """The FLIP map of two display images, and its mean."""
-    try:
-        import flip_evaluator
-    except ImportError as error:
-        raise UserError("the package flip-evaluator is missing: pip install flip-evaluator") from error
+    require_flip()
+    import flip_evaluator
+
     images = [np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test)]
     parameters = {"ppd": FLIP_PIXELS_PER_DEGREE}
     error_map, mean, _ = flip_evaluator.evaluate(*images, "LDR", applyMagma=False, parameters=parameters)
@@ -140,51 +176,63 @@ def compare_images(left: Rendering, right: Rendering, exposure: float | None = N
     a, b = left.rgb(), right.rgb()
     if a.shape != b.shape:
         raise UserError(f"the two images differ in size: {a.shape[1]}x{a.shape[0]}, {b.shape[1]}x{b.shape[0]}")
-    not_finite = tuple(int((~np.isfinite(image)).any(axis=2).sum()) for image in (a, b))
-    a, b = _finite(a), _finite(b)
-    exposure_given = exposure is not None
-    exposure = exposure_for(a) if exposure is None else exposure
-    floor, decades = floor_for(a, b, exposure, log)
-    shown = to_display(a, exposure)
-    flip_map, flip_mean = flip(shown, to_display(b, exposure))
-    noise = _noise(left, right, a, shown, exposure, floor)
+    bad = [~np.isfinite(image).all(axis=2) for image in (a, b)]
+    good = ~(bad[0] | bad[1])
+    a, b = (np.where(good[..., None], image, 0.0) for image in (a, b))
+    chosen = exposure_for(a) if exposure is None else Exposure(exposure, "")
+    floor, decades = floor_for(a, b, chosen.stops, log)
+    shown = to_display(a, chosen.stops)
+    flip_map, flip_mean = flip(shown, to_display(b, chosen.stops))
+    noise = _noise(left, right, a, shown, good, chosen.stops, floor)
+    part = max(float(good.mean()), 1.0 / good.size)  # of the pixels; the others are zero in every mean below
     return Comparison(
-        exposure=exposure,
-        exposure_given=exposure_given,
+        exposure=chosen,
         floor=floor,
         decades=decades,
-        mean_left=float(luminance(a).mean()),
-        mean_right=float(luminance(b).mean()),
-        rmse=_rms(b - a),
-        flip=flip_mean,
+        mean_left=float(luminance(a).mean()) / part,
+        mean_right=float(luminance(b).mean()) / part,
+        rmse=_rms(b - a) / math.sqrt(part),
+        flip=flip_mean / part,
         largest_difference=float(np.abs(b - a).max()),
         brightest=float(np.abs(a).max()),
-        not_finite=(not_finite[0], not_finite[1]),
+        bad=(bad[0], bad[1]),
         stops=stops_between(a, b, floor),
         flip_map=flip_map,
-        rmse_noise=noise[0],
-        rmse_beyond_noise=noise[1],
-        flip_noise=noise[2],
-        stops_noise=noise[3],
+        rmse_noise=noise and noise.rmse / math.sqrt(part),
+        rmse_beyond_noise=noise and noise.rmse_beyond / math.sqrt(part),
+        flip_noise=noise and noise.flip / part,
+        stops_noise=noise and noise.stops / math.sqrt(part),
     )
 
 
+@dataclass(frozen=True)
+class _Noise:
+    """What noise alone does to the numbers of a comparison, and the RMSE without it."""
+
+    rmse: float
+    rmse_beyond: float
+    flip: float
+    stops: float
+
+
 def _noise(
-    left: Rendering, right: Rendering, a: np.ndarray, shown: np.ndarray, exposure: float, floor: float
-) -> tuple[float | None, float | None, float | None, float | None]:
-    """RMSE of noise alone, RMSE beyond noise, FLIP of noise alone, stops of noise alone (RMS)."""
+    left: Rendering, right: Rendering, a: np.ndarray, shown: np.ndarray, good: np.ndarray, exposure: float, floor: float
+) -> _Noise | None:
+    """None where one pass gave no estimate."""
     if left.halves is None or right.halves is None:
-        return None, None, None, None
+        return None
     (a1, n1), (a2, n2) = left.halves
     (b1, _), (b2, _) = right.halves
-    a1, a2, b1, b2 = (_finite(image) for image in (a1, a2, b1, b2))
+    a1, a2, b1, b2 = (np.where(good[..., None], _finite(image), 0.0) for image in (a1, a2, b1, b2))
     # A half of n1 samples has variance v/n1, so the halves differ with v·(1/n1 + 1/n2); the whole has v/(n1 + n2).
     whole = math.sqrt(1.0 / (n1 + n2) / (1.0 / n1 + 1.0 / n2))
     noise = ((b2 - a2) - (b1 - a1)) * whole
-    beyond = math.sqrt(max(0.0, float(np.mean((b1 - a1) * (b2 - a2)))))
-    flip_noise = flip(shown, to_display(a + noise, exposure))[1]
-    stops_noise = _rms(stops_between(a2, b2, floor) - stops_between(a1, b1, floor)) * whole
-    return _rms(noise), beyond, flip_noise, stops_noise
+    return _Noise(
+        rmse=_rms(noise),
+        rmse_beyond=math.sqrt(max(0.0, float(np.mean((b1 - a1) * (b2 - a2))))),
+        flip=flip(shown, to_display(a + noise, exposure))[1],
+        stops=_rms(stops_between(a2, b2, floor) - stops_between(a1, b1, floor)) * whole,
+    )
 
 
 def _finite(image: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from .difference import (
-    EXPOSURE_TARGET,
     FLIP_PIXELS_PER_DEGREE,
     STOPS_FLOOR,
     Comparison,
@@ -41,6 +40,13 @@ _TITLE = 17
 _INK = "#1c1c1c"
 _FAINT = "#4a4a4a"
 
+# Pixels that are not finite: a color that no scale has.
+_BAD = "#ff00ff"
+_BAD_RGB = (1.0, 0.0, 1.0)
+
+# An enlarged image is no higher than this (picture pixels), however narrow it is.
+_PANEL_HEIGHT = 1440
+
 # The difference scale ends at this quantile of |difference|, rounded up to one of these (in stops).
 _SCALE_QUANTILE = 0.995
 _SCALE_STEPS = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
@@ -58,11 +64,13 @@ class Labels:
 
 def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, labels: Labels) -> None:
     """Writes the picture as PNG. ``left`` and ``right`` are linear sRGB."""
+    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     height, width = left.shape[:2]
-    factor = _PANEL / width if width >= _PANEL else max(1, _PANEL // width)
+    room = min(_PANEL / width, _PANEL_HEIGHT / height)
+    factor = room if room < 1.0 else float(int(room))
     panel_width, panel_height = max(1, round(width * factor)), max(1, round(height * factor))
     unit = max(panel_width, _DESIGN_WIDTH) / _DESIGN_WIDTH
     margin, gap, header, caption, line = (unit * length for length in (_MARGIN, _GAP, _HEADER, _CAPTION, _FOOTER_LINE))
@@ -92,7 +100,9 @@ def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, la
 
     whole = total_width - 2 * margin
     write(margin, margin, whole, labels.title, _TITLE, bold=True)
-    panels = (*_image_panels(left, right, result, labels), *_difference_panels(result))
+    # One pixel that is not finite must be seen in an image that is shown smaller too.
+    bad = [_widened(mask, math.ceil(1.0 / factor)) for mask in (*result.bad, result.bad[0] | result.bad[1])]
+    panels = (*_image_panels(left, right, bad, result, labels), *_difference_panels(bad[2], result))
     for number, panel in enumerate(panels):
         x = margin + (number % 2) * (column + gap)
         y = header + (number // 2) * (row + gap / 2)
@@ -104,7 +114,7 @@ def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, la
             panel.pixels,
             interpolation="nearest" if factor >= 1 else "antialiased",
             aspect="auto",
-            cmap=panel.colors,
+            cmap=panel.colors and matplotlib.colormaps[panel.colors].with_extremes(bad=_BAD),
             vmin=panel.low,
             vmax=panel.high,
         )
@@ -133,36 +143,55 @@ class _Panel:
     ticks: tuple[tuple[float, str], ...] = ()
 
 
-def _image_panels(left: np.ndarray, right: np.ndarray, result: Comparison, labels: Labels) -> tuple[_Panel, _Panel]:
-    sides = ((labels.left, _finite(left)), (labels.right, _finite(right)))
+def _image_panels(
+    left: np.ndarray, right: np.ndarray, bad: list[np.ndarray], result: Comparison, labels: Labels
+) -> tuple[_Panel, _Panel]:
+    sides = ((labels.left, _finite(left), bad[0]), (labels.right, _finite(right), bad[1]))
     if not result.decades:
-        first, second = (_Panel(*words, to_display(image, result.exposure)) for words, image in sides)
+        first, second = (
+            _Panel(*words, np.where(mask[..., None], _BAD_RGB, to_display(image, result.exposure.stops)))
+            for words, image, mask in sides
+        )
         return first, second
     low = math.log10(result.floor)
     high = low + result.decades
     ticks = tuple((float(k), f"$10^{{{k}}}$") for k in range(math.ceil(low), math.floor(high) + 1))
     first, second = (
-        _Panel(*words, np.log10(np.maximum(luminance(image), result.floor)), "viridis", low, high, ticks)
-        for words, image in sides
+        _Panel(*words, _masked(np.log10(np.maximum(luminance(image), result.floor)), mask), "viridis", low, high, ticks)
+        for words, image, mask in sides
     )
     return first, second
 
 
-def _difference_panels(result: Comparison) -> tuple[_Panel, _Panel]:
+def _difference_panels(bad: np.ndarray, result: Comparison) -> tuple[_Panel, _Panel]:
     scale = difference_scale(result.stops)
     stops = tuple((float(tick), f"{tick:+g}" if tick else "0") for tick in np.linspace(-scale, scale, 5))
     unit = tuple((tick / 5, f"{tick / 5:g}") for tick in range(6))
     between = "right against left, in stops of luminance"
     perceived = "perceived difference, 0 to 1"
     return (
-        _Panel("Difference", between, result.stops, "RdBu_r", -scale, scale, stops),
-        _Panel(f"FLIP, mean {result.flip:.4f}", perceived, result.flip_map, "magma", 0.0, 1.0, unit),
+        _Panel("Difference", between, _masked(result.stops, bad), "RdBu_r", -scale, scale, stops),
+        _Panel(f"FLIP, mean {result.flip:.4f}", perceived, _masked(result.flip_map, bad), "magma", 0.0, 1.0, unit),
     )
+
+
+def _masked(pixels: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    return np.ma.masked_where(bad, pixels)
+
+
+def _widened(mask: np.ndarray, size: int) -> np.ndarray:
+    """Each pixel of a mask as a square of this size, to the right and down."""
+    wide = mask.copy()
+    for down in range(size if mask.any() else 0):
+        for right in range(size):
+            wide[down:, right:] |= mask[: mask.shape[0] - down, : mask.shape[1] - right]
+    return wide
 
 
 def difference_scale(stops: np.ndarray) -> float:
     """The end of the difference scale: a round number that only few pixels exceed."""
-    level = float(np.quantile(np.abs(stops), _SCALE_QUANTILE))
+    differences = np.abs(stops[stops != 0.0])  # pixels that are black on both sides do not decide
+    level = float(np.quantile(differences, _SCALE_QUANTILE)) if differences.size else 0.0
     return next((step for step in _SCALE_STEPS if step >= level), _SCALE_STEPS[-1])
 
 
@@ -171,9 +200,9 @@ def explain(result: Comparison) -> tuple[str, ...]:
     exceeding = float(np.mean(np.abs(result.stops) > difference_scale(result.stops)))
     clipped = f"; {exceeding:.1%} of the pixels exceed the scale" if exceeding >= 0.0005 else ""
     noise = "" if result.stops_noise is None else f"; noise alone: {result.stops_noise:.3f} stops RMS"
-    rule = "" if result.exposure_given else f" (the left image averages about {EXPOSURE_TARGET:.0%} of white)"
-    exposure = f"exposure {result.exposure:+.2f} stops on both sides{rule}, clipped at white"
-    images = f"Images: sRGB, {exposure}."
+    rule = f", by the left image: {result.exposure.rule}" if result.exposure.rule else ""
+    exposure = f"exposure {result.exposure.stops:+.2f} stops on both sides{rule}"
+    images = f"Images: sRGB clipped at white, {exposure}."
     floor = f"{STOPS_FLOOR:.0%} of white"
     as_shown = "of the two images as shown"
     if result.decades:
@@ -185,7 +214,11 @@ def explain(result: Comparison) -> tuple[str, ...]:
     )
     flip_noise = "" if result.flip_noise is None else f" Noise alone: {result.flip_noise:.4f}."
     flip = f"FLIP: {as_shown}, at {FLIP_PIXELS_PER_DEGREE:.0f} pixels per degree.{flip_noise}"
-    return images, difference, flip
+    lines = [images, difference, flip]
+    if result.any_bad:
+        left, right = result.not_finite
+        lines.append(f"Magenta: not finite, {left} pixels left and {right} right; they are in no number.")
+    return tuple(lines)
 
 
 def ratio_text(value: float, reference: float) -> str:

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import asdict, dataclass
+import math
+import statistics
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Optional
 
 from ..scene.exchange import Pair
 from ..scene.render import Rendering
+from ..scene.timing import Quartiles, decimals, quartiles, ratios
 from .difference import FLIP_PIXELS_PER_DEGREE, Comparison
 
 Number = Optional[float]
+
+# A narrower terminal gets the table without its rules, with the unit beside the quantity.
+_WIDE = 76
+
+_COMPILING = "time, compiling"
 
 
 @dataclass(frozen=True)
@@ -32,6 +40,7 @@ class Report:
     """All that a comparison found, and from what."""
 
     scene: Path
+    name: str
     parameters: dict[str, str]
     settings: dict[str, str | float]
     variant: str
@@ -43,9 +52,16 @@ class Report:
     right: Rendering
     result: Comparison
 
+    @property
+    def integrator_has_channels(self) -> bool:
+        """The integrator writes channels of its own beside the colors."""
+        import mitsuba as mi
+
+        return bool(self.left.bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel)
+
     def rows(self) -> list[Row]:
         """The table, the same for every output."""
-        left, right, result = self.left, self.right, self.result
+        result = self.result
         mean = result.mean_left
         rows = [
             Row(
@@ -62,16 +78,40 @@ class Report:
             Row("RMSE / left mean", between=_ratio(result.rmse, mean)),
             Row("FLIP", between=result.flip),
             Row("FLIP, noise alone", between=result.flip_noise),
-            Row("time", left.seconds, right.seconds, None, _ratio(right.seconds, left.seconds), "s"),
-            Row("time, compiling", left.first_pass_excess, right.first_pass_excess, unit="s"),
+            *self._times(),
         ]
-        if any(result.not_finite):
+        if result.any_bad:
             rows.append(Row("pixels not finite", *map(float, result.not_finite)))
         return rows
+
+    def _times(self) -> list[Row]:
+        """In no more digits than the spread allows; without a spread in two."""
+        left, right = self.left.timing, self.right.timing
+        found = ratios(right, left)
+        between = statistics.median(found) if found else None
+        name = "time, with compiling" if left.compiling_is_included else "time"
+        lines = [Row(name, _round(left.seconds, left.quartiles), _round(right.seconds, right.quartiles), unit="s")]
+        lines[0] = replace(lines[0], ratio=_round(between, quartiles(found)))
+        if left.quartiles and right.quartiles:
+            for which, quartile in enumerate(("lower", "upper")):
+                ends = [_round(side.quartiles and side.quartiles[which], side.quartiles) for side in (left, right)]
+                spread = quartiles(found)
+                lines.append(
+                    Row(f"time, {quartile} quartile", *ends, None, _round(spread and spread[which], spread), "s")
+                )
+        lines.append(Row(_COMPILING, _round(left.compiling, None), _round(right.compiling, None), unit="s"))
+        return lines
 
     def verdict(self) -> str:
         """One sentence on the outcome."""
         result = self.result
+        if result.any_bad:
+            left, right = result.not_finite
+            return f"Not finite: {_pixels(left)} of the left image and {_pixels(right)} of the right one."
+        if result.black:
+            return "Both images are black: no light reaches the camera" + (
+                ", or the integrator renders no color." if self.integrator_has_channels else "."
+            )
         if result.largest_difference == 0.0:
             return "No difference: the two images are equal in every pixel."
         if result.equal:
@@ -103,35 +143,60 @@ class Report:
             "size": [self.width, self.height],
             "samples_per_pixel": self.left.spp,
             "passes": self.left.passes,
+            "sampler": self.left.sampling_note(),
             "materials": [asdict(exchange) for exchange in self.pair.exchanges],
-            "exposure_stops": result.exposure,
+            "exposure_stops": result.exposure.stops,
+            "exposure_rule": result.exposure.rule,
             "flip_pixels_per_degree": FLIP_PIXELS_PER_DEGREE,
             "equal": result.equal,
             "largest_difference": result.largest_difference,
-            "rows": [asdict(row) for row in self.rows()],
+            "not_finite": list(result.not_finite),
+            "rows": [{name: _plain(value) for name, value in asdict(row).items()} for row in self.rows()],
         }
 
     def print(self, console: Any) -> None:
         """The table on a rich console."""
+        from rich.box import HEAVY_HEAD
         from rich.table import Table
 
-        table = Table(title=f"{self.scene.name}: right against left", title_justify="left")
-        table.add_column("", no_wrap=True)
+        wide = console.width >= _WIDE
+        table = Table(
+            title=f"{self.name}: right against left",
+            title_justify="left",
+            box=HEAVY_HEAD if wide else None,
+            pad_edge=wide,
+        )
+        table.add_column("", no_wrap=wide, overflow="fold")
         for name in ("left", "right", "between", "ratio"):
-            table.add_column(name, justify="right")
-        table.add_column("unit")
+            table.add_column(name, justify="right", no_wrap=True)
+        if wide:
+            table.add_column("unit")
         for row in self.rows():
             numbers = (row.left, row.right, row.between, row.ratio)
-            table.add_row(row.quantity, *("" if n is None else f"{n:.4g}" for n in numbers), row.unit)
+            unit = f" ({row.unit})" if row.unit == "s" and not wide else ""
+            # a dash: there is such a time, but it cannot be told apart
+            blanks = ("–", "–", "", "") if row.quantity == _COMPILING else ("",) * 4
+            texts = (blank if number is None else f"{number:.4g}" for number, blank in zip(numbers, blanks))
+            cells = [row.quantity + unit, *texts]
+            table.add_row(*cells, *([row.unit] if wide else []))
         console.print(table)
-        if self.verdict():
-            console.print(self.verdict())
+        for line in (self.verdict(), self.left.sampling_note()):
+            if line:
+                console.print(line, highlight=False)
+
+
+def _pixels(count: int) -> str:
+    return f"{count} pixel" + ("s" if count != 1 else "")
+
+
+def _round(value: Number, spread: Quartiles) -> Number:
+    return None if value is None else round(value, decimals(value, spread))
 
 
 def _ratio(value: float, reference: float) -> Number:
     return value / reference if reference else None
 
 
-def _plain(value: str | float) -> str | float:
-    """JSON has no infinity."""
-    return value if isinstance(value, str) or abs(value) < float("inf") else str(value)
+def _plain(value: str | float | None) -> str | float | None:
+    """JSON has neither infinity nor NaN."""
+    return value if value is None or isinstance(value, str) or math.isfinite(value) else str(value)

@@ -30,6 +30,23 @@ from .graph import SceneGraph
 PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}
 ORIGINALS = {right: left for left, right in PARTNERS.items()}
 
+# Materials of Mitsuba without a partner, and why.
+NEVER_EXCHANGED = {
+    "roughplastic": "its base scatters diffusely below the microfacets",
+    "principled": "a blend of several lobes",
+    "principledthin": "a blend of several lobes",
+    "plastic": "smooth",
+    "pplastic": "its base scatters diffusely below the microfacets",
+    "conductor": "smooth",
+    "dielectric": "smooth",
+    "thindielectric": "smooth",
+    "diffuse": "no microfacets",
+    "measured": "tabulated",
+    "measured_polarized": "tabulated",
+    "hair": "no microfacets",
+    "null": "no surface",
+}
+
 # The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
 NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
 _WORDS = ("distribution", "masking")
@@ -88,6 +105,8 @@ def parse_settings(texts: tuple[str, ...] | list[str]) -> dict[str, str | float]
             close = difflib.get_close_matches(name, SETTINGS, n=1)
             hint = f' (did you mean "{close[0]}"?)' if close else ""
             raise UserError(f"--set {name}: unknown property{hint}; it can be {', '.join(SETTINGS)}")
+        if name in settings:
+            raise UserError(f"--set {name} is given twice")
         if name in _WORDS:
             settings[name] = value
             continue
@@ -117,9 +136,22 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
             _apply(right_node.props, settings)
         exchanges.append(Exchange(graph.place(left_node), describe(left_node.props), describe(right_node.props)))
     if not exchanges:
-        names = ", ".join((*PARTNERS, *ORIGINALS))
-        raise UserError(f"{graph.path} has none of {names}: there is nothing to exchange")
+        raise UserError(_nothing_to_exchange(graph))
     return Pair(left, right, tuple(exchanges))
+
+
+def _nothing_to_exchange(graph: SceneGraph) -> str:
+    """Why, with what the scene has instead."""
+    import mitsuba as mi
+
+    wanted = ", ".join(PARTNERS)
+    kinds = graph.plugins(mi.ObjectType.BSDF)
+    if not kinds:
+        return f"{graph.path}: nothing to exchange: the scene has no materials of its own, so none of {wanted}"
+    found = ", ".join(f"{count} × {plugin}" for plugin, count in kinds.items())
+    never = [f"{plugin} ({NEVER_EXCHANGED[plugin]})" for plugin in kinds if plugin in NEVER_EXCHANGED]
+    why = f"; never exchanged: {', '.join(never)}" if never else ""
+    return f"{graph.path}: nothing to exchange: the scene has {found}, but none of {wanted}, nor of ours{why}"
 
 
 def describe(props: Any) -> str:

@@ -6,6 +6,9 @@ versions mean here what they mean to Mitsuba. Nodes can then be edited, and the 
 
 from __future__ import annotations
 
+import difflib
+import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +18,12 @@ from ..errors import UserError, mitsuba_errors
 
 # mi.parser.parse_file takes the scene's parameters as keyword arguments beside two of its own.
 _PARSER_ARGUMENTS = ("config", "filename")
+
+# The names in "Found unused parameters: - $width=3 ...".
+_UNUSED = re.compile(r"- \$(\w+)=")
+
+# An include of an include of ...: as deep as Mitsuba's parser goes.
+_INCLUDE_DEPTH = 15
 
 
 class SceneGraph:
@@ -31,6 +40,50 @@ class SceneGraph:
         import mitsuba as mi
 
         return SceneGraph(self.path, mi.parser.ParserState(self._state), self._config, self._resolver)
+
+    @property
+    def name(self) -> str:
+        """What to call the scene: the file's name, with that of its folder where the file's says nothing."""
+        return f"{self.path.resolve().parent.name}/{self.path.name}" if self.path.stem == "scene" else self.path.name
+
+    def plugins(self, kind: Any) -> dict[str, int]:
+        """The plugins of one kind (``mi.ObjectType.BSDF``) in the scene with their numbers, in the order of the file."""
+        counts: dict[str, int] = {}
+        for node in self._state.nodes:
+            if node.type == kind:
+                counts[node.props.plugin_name()] = counts.get(node.props.plugin_name(), 0) + 1
+        return counts
+
+    def require_integrator(self) -> None:
+        """Raises an error if there is nothing to render the scene with."""
+        import mitsuba as mi
+
+        if not self.plugins(mi.ObjectType.Integrator):
+            raise UserError(
+                f'{self.path}: the scene has no integrator; add <integrator type="path"/> to it, '
+                "or name one: --integrator path"
+            )
+
+    def use_integrator(self, plugin: str, settings: Mapping[str, Any]) -> None:
+        """Renders with this integrator, whatever the scene has."""
+        import mitsuba as mi
+
+        props = mi.Properties(plugin)
+        for name, value in settings.items():
+            props[name] = value
+        root = self._state.root
+        for name in root.props.keys():
+            node = self.referred(root.props[name])
+            if node is not None and node.type == mi.ObjectType.Integrator:
+                props.set_id(node.props.id())
+                node.props = props
+                return
+        node = mi.parser.SceneNode()
+        node.type = mi.ObjectType.Integrator
+        node.props = props
+        node.file_index, node.offset = root.file_index, root.offset
+        self._state.nodes.append(node)
+        root.props["integrator_of_the_user"] = mi.Properties.ResolvedReference(len(self._state.nodes) - 1)
 
     def materials(self, plugin: str) -> Iterator[Any]:
         """Each node that is this plugin, wherever it is nested, in the order of the file."""
@@ -82,29 +135,91 @@ class SceneGraph:
         return scene
 
 
-def read_scene(path: Path, parameters: Mapping[str, str]) -> SceneGraph:
-    """Reads a scene file with values for its ``$parameters``."""
-    import mitsuba as mi
-
+def check_scene_file(path: Path) -> None:
+    """Raises an error if there is no file to read."""
     if not path.exists():
         raise UserError(f"{path}: no such file")
     if path.is_dir():
         raise UserError(f"{path} is a folder, not a scene file")
+
+
+def read_scene(path: Path, parameters: Mapping[str, str], lenient: bool = False) -> SceneGraph:
+    """Reads a scene file with values for its ``$parameters``.
+
+    ``lenient`` turns Mitsuba's errors on properties that no plugin asks for, which old scenes have, into warnings.
+    """
+    import mitsuba as mi
+
+    check_scene_file(path)
     for name in _PARSER_ARGUMENTS:
         if name in parameters:
             raise UserError(f'a parameter cannot be called "{name}": Mitsuba\'s parser keeps that name for itself')
 
     config = mi.parser.ParserConfig(mi.variant())
+    if lenient:
+        config.unused_properties = mi.LogLevel.Warn
     resolver = mi.FileResolver(mi.file_resolver())
     resolver.prepend(str(path.resolve().parent))
     with _file_resolver(resolver), mitsuba_errors():
-        state = mi.parser.parse_file(config, str(path), **parameters)
+        try:
+            state = mi.parser.parse_file(config, str(path), **parameters)
+        except RuntimeError as error:
+            _explain_unused(path, str(error))
+            raise
         mi.parser.transform_upgrade(config, state)
+    graph = SceneGraph(path, state, config, resolver)
     for node in state.nodes:
-        # Samples are divided into passes here (scene/render.py); a second division inside must not contradict it.
-        if node.type == mi.ObjectType.Integrator and "samples_per_pass" in node.props:
-            del node.props["samples_per_pass"]
-    return SceneGraph(path, state, config, resolver)
+        if node.type == mi.ObjectType.Integrator:
+            # Samples are divided into passes here (render.py): a second division inside must not contradict it, and
+            # a limit of time would hold for each pass and take samples from it.
+            if "timeout" in node.props and node.props["timeout"] > 0:
+                mi.Log(mi.LogLevel.Warn, f"{path}: the integrator's timeout is not kept: all samples are rendered")
+            for name in ("samples_per_pass", "timeout"):
+                if name in node.props:
+                    del node.props[name]
+    return graph
+
+
+def _explain_unused(path: Path, message: str) -> None:
+    """Where Mitsuba refuses parameters that the scene does not have, an error that lists those that it has."""
+    unused = _UNUSED.findall(message) if "unused parameter" in message else []
+    if not unused:
+        return
+    defaults = dict(_defaults(path, _INCLUDE_DEPTH))
+    close = difflib.get_close_matches(unused[0], defaults, n=1)
+    hint = f' (did you mean "{close[0]}"?)' if close else ""
+    has = ", ".join(f"{name}={value}" for name, value in defaults.items())
+    names = ", ".join(f"${name}" for name in unused)
+    raise UserError(
+        f"{path}: the scene has no {names}{hint}; {f'it has {has}' if has else 'it has no <default> at all'}"
+    )
+
+
+def _defaults(path: Path, depth: int) -> Iterator[tuple[str, str]]:
+    """The names and values of the ``<default>`` tags of a file and those that it includes."""
+    for element in _elements(path):
+        if element.tag == "default":
+            yield element.get("name", ""), element.get("value", "")
+    for inner in _included(path, depth):
+        yield from _defaults(inner, depth - 1)
+
+
+def _included(path: Path, depth: int) -> Iterator[Path]:
+    import mitsuba as mi
+
+    for element in _elements(path) if depth else ():
+        if element.tag == "include":
+            inner = Path(str(mi.file_resolver().resolve(element.get("filename", ""))))
+            if inner.is_file():
+                yield inner
+
+
+def _elements(path: Path) -> list[ElementTree.Element]:
+    """All elements of an XML file; none of one that is not XML, of which Mitsuba's parser will say what is wrong."""
+    try:
+        return list(ElementTree.parse(path).iter())
+    except (ElementTree.ParseError, OSError, ValueError):
+        return []
 
 
 @contextmanager
