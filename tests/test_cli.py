@@ -277,9 +277,78 @@ def test_the_scenes_render_with_either_material(sgtd, scene_file, tmp_path):
     assert np.isfinite(read_exr(tmp_path / "direct.exr")).all()
 
 
-# --- failures
+# --- options
 
 SCALAR = ("--variant", "scalar_rgb", "--spp", "2")
+
+
+def test_the_version_is_said(sgtd):
+    import sgtd as package
+
+    status, out, _ = sgtd("--version")
+    assert (status, out.strip()) == (0, f"sgtd {package.__version__}, for Mitsuba {package.MITSUBA_RELEASE}")
+
+
+@pytest.mark.parametrize("name", ["a.PNG", "a.Png", "a.EXR"])
+def test_endings_in_capitals(sgtd, scene, tmp_path, name):
+    """-o x.PNG rendered all and then failed with "Unsupported component type!"."""
+    assert sgtd("render", scene, "-o", tmp_path / name, *SCALAR)[0] == 0
+    assert (tmp_path / name).read_bytes()[:4] in (b"\x89PNG", b"\x76\x2f\x31\x01")
+
+
+def test_an_integrator_in_place_of_the_scene_s_own(sgtd, scene, tmp_path):
+    text = scene.read_text()
+    own = '<integrator type="path"><integer name="max_depth" value="3"/></integrator>'
+    nested = f'<integrator type="aov"><string name="aovs" value="d:depth"/>{own}</integrator>'
+    images = []
+    for number, (replacement, extra) in enumerate(
+        ((own, ()), ("", ("path:max_depth=3",)), (nested, ("path:max_depth=3",)), (own, ("path:max_depth=1",)))
+    ):
+        scene.write_text(text.replace(own, replacement))
+        output = tmp_path / f"{number}.exr"
+        arguments = ("--integrator", *extra) if extra else ()
+        assert sgtd("render", scene, "-o", output, *arguments, *SCALAR)[0] == 0
+        images.append(read_exr(output))
+    assert images[1] == pytest.approx(images[0], rel=1e-5)
+    assert images[2] == pytest.approx(images[0], rel=1e-5)
+    assert np.abs(images[3] - images[0]).max() > 0.1  # the sphere is black
+
+
+def test_old_scenes_with_lenience(sgtd, scene, tmp_path):
+    """Properties that no plugin asks for any more end Mitsuba; with --lenient they are warned of, once, and without color."""
+    scene.write_text(scene.read_text().replace('name="alpha"', 'name="sharpness" value="3"/><float name="alpha"'))
+    status, out, err = sgtd("compare", scene, "-o", tmp_path / "out", "--lenient", "-s", "gamma=3", *SCALAR)
+    assert status == 0
+    assert [line.startswith("sgtd: warning: ") for line in err.splitlines()] == [True, True]  # one for either plugin
+    assert "sharpness" in err and "\x1b" not in err + out and "sharpness" not in out
+
+
+def test_warnings_of_mitsuba_stay_out_of_the_output(scene, tmp_path):
+    scene.write_text(scene.read_text().replace('value="30"', 'value="1e39"'))
+    command = [sys.executable, "-m", "sgtd.cli", "render", scene, "-o", tmp_path / "a.exr", *SCALAR]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.count("\n"), "\x1b" in done.stderr) == (0, 1, False)
+    assert "sgtd: warning: Invalid sample value" in done.stderr
+
+
+def test_a_limit_of_time_takes_no_samples(sgtd, scene, tmp_path):
+    scene.write_text(
+        scene.read_text().replace(
+            '<integer name="max_depth"', '<float name="timeout" value="0.001"/><integer name="max_depth"'
+        )
+    )
+    status, out, err = sgtd("render", scene, "-o", tmp_path / "a.exr", "--variant", "scalar_rgb", "--spp", 256)
+    assert (status, "256 samples" in out, "timeout is not kept" in err) == (0, True, True)
+
+
+def test_parameters_of_included_files_are_known(sgtd, scene, tmp_path):
+    (tmp_path / "inner.xml").write_text('<scene version="3.0.0"><default name="metal" value="Au"/></scene>')
+    scene.write_text(scene.read_text().replace("</scene>", '<include filename="inner.xml"/></scene>'))
+    err = sgtd("render", scene, "-o", tmp_path / "a.exr", "-D", "mettal=Ag", *SCALAR)[2]
+    assert 'did you mean "metal"?); it has res=24, metal=Au' in err
+
+
+# --- failures
 
 FAILURES = {
     "no such scene": ("render", "none.xml", "-o", "a.png", *SCALAR),
@@ -313,6 +382,20 @@ FAILURES = {
     "unknown masking": ("compare", "gold.xml", "-o", "out", "-s", "masking=none", *SCALAR),
     "shift and mu": ("compare", "gold.xml", "-o", "out", "-s", "shift=1", "-s", "mu=0.1", *SCALAR),
     "fixed by the row": ("compare", "gold.xml", "-o", "out", "-s", "distribution=student", "-s", "p=2", *SCALAR),
+    "too many samples": ("render", "gold.xml", "-o", "a.png", "--variant", "scalar_rgb", "--spp", "100000000000"),
+    "samples as 1e11": ("render", "gold.xml", "-o", "a.png", "--variant", "scalar_rgb", "--spp", "1e11"),
+    "exposure nan": ("compare", "gold.xml", "-o", "out", "--exposure", "nan", *SCALAR),
+    "exposure inf": ("compare", "gold.xml", "-o", "out", "--exposure", "inf", *SCALAR),
+    "exposure 5000": ("compare", "gold.xml", "-o", "out", "--exposure", "5000", *SCALAR),
+    "set twice": ("compare", "gold.xml", "-o", "out", "-s", "gamma=2", "-s", "gamma=3", *SCALAR),
+    "parameter twice": ("render", "gold.xml", "-o", "a.png", "-D", "res=3", "-D", "res=4", *SCALAR),
+    "parameter like another": ("render", "gold.xml", "-o", "a.png", "-D", "rss=4", *SCALAR),
+    "no integrator": ("render", "empty.xml", "-o", "a.png", *SCALAR),
+    "no integrator to compare": ("compare", "empty.xml", "-o", "out", *SCALAR),
+    "unknown integrator": ("render", "gold.xml", "-o", "a.png", "--integrator", "paht", *SCALAR),
+    "integrator without value": ("render", "gold.xml", "-o", "a.png", "--integrator", "path:max_depth", *SCALAR),
+    "a picture is a folder": ("compare", "gold.xml", "-o", "taken", *SCALAR),
+    "old property": ("compare", "old.xml", "-o", "out", *SCALAR),
 }
 
 # A word that the line must have, where the cause could be mistaken for another.
@@ -332,6 +415,17 @@ SAYS = {
     "unknown distribution": "gxx",
     "shift and mu": "mu",
     "fixed by the row": "p",
+    "exposure nan": "--exposure",
+    "exposure 5000": "between -100 and 100",
+    "set twice": "gamma is given twice",
+    "parameter twice": "res is given twice",
+    "parameter like another": 'did you mean "res"?); it has res=24',
+    "no integrator": "empty.xml: the scene has no integrator; add",
+    "no integrator to compare": "--integrator path",
+    "unknown integrator": "paht",
+    "integrator without value": "path:max_depth=8",
+    "a picture is a folder": "comparison.png: it is a folder",
+    "old property": "sharpness",
 }
 
 
@@ -344,6 +438,11 @@ def test_failures_are_one_line_and_leave_nothing(sgtd, scene, tmp_path, monkeypa
     (tmp_path / "include.xml").write_text('<scene version="3.0.0"><include filename="nowhere.xml"/></scene>')
     (tmp_path / "plain.xml").write_text(f'<scene version="3.0.0">{HEAD}</scene>')
     (tmp_path / "folder.exr").mkdir()
+    (tmp_path / "taken" / "comparison.png").mkdir(parents=True)
+    (tmp_path / "empty.xml").write_text(
+        text.replace('<integrator type="path"><integer name="max_depth" value="3"/></integrator>', "")
+    )
+    (tmp_path / "old.xml").write_text(text.replace('name="alpha"', 'name="sharpness" value="3"/><float name="alpha"'))
     monkeypatch.chdir(tmp_path)
     before = tree(tmp_path)
     status, _, err = sgtd(*FAILURES[case])

@@ -98,20 +98,18 @@ def labels(report: Report) -> Labels:
     )
     if result.rmse_noise is not None:
         numbers += f" (noise alone {result.rmse_noise:.2g}, beyond noise {result.rmse_beyond_noise:.3g})"
+    numbers += "."
     compiling = "compiling included" if left.timing.compiling_is_included else "without compiling"
-    numbers += f".  Time {seconds_text(left.timing)} and {seconds_text(right.timing)}"
-    numbers += f", {compiling}." if left.timing.compiles else "."
-    if report.verdict():
-        numbers += "  " + report.verdict()
+    how = f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds."
+    how += f"  Time {seconds_text(left.timing)} and {seconds_text(right.timing)}"
+    how += f", {compiling}." if left.timing.compiles else "."
+    # what is not finite is explained beside its color
+    verdict = "" if result.any_bad else report.verdict()
     return Labels(
         title=f"{report.name}: the same materials and roughness, another distribution of microfacets",
         left=side_text(report.pair, "left"),
         right=side_text(report.pair, "right"),
-        footer=(
-            numbers,
-            f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds.  "
-            + left.sampling_note(),
-        ),
+        footer=tuple(line for line in (numbers, how, left.sampling_note(), verdict) if line),
     )
 
 

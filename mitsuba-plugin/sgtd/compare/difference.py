@@ -120,13 +120,13 @@ def exposure_for(reference: np.ndarray) -> Exposure:
     key = math.log2(EXPOSURE_KEY) - float(np.clip(logs, first, third).mean())
     highlights = -float(np.quantile(logs, 1.0 - EXPOSURE_CLIPPED))
     least = math.log2(EXPOSURE_MEDIAN) - float(median)
-    pixels = "lit pixels" if lit.size == values.size else f"lit pixels ({lit.size / values.size:.2%} of all)"
+    pixels = "lit pixels" if lit.size == values.size else f"lit pixels ({100.0 * lit.size / values.size:.2g} % of all)"
     if least > min(key, highlights):
-        stops, rule = least, f"the median of its {pixels} is at about {EXPOSURE_MEDIAN:.0%} of white"
+        stops, rule = least, f"the median of its {pixels} is at about {100.0 * EXPOSURE_MEDIAN:.0f} % of white"
     elif highlights < key:
-        stops, rule = highlights, f"about {EXPOSURE_CLIPPED:.0%} of its {pixels} are clipped"
+        stops, rule = highlights, f"about {100.0 * EXPOSURE_CLIPPED:.0f} % of its {pixels} are clipped"
     else:
-        stops, rule = key, f"the log-average of its {pixels} is at about {EXPOSURE_KEY:.0%} of white"
+        stops, rule = key, f"the log-average of its {pixels} is at about {100.0 * EXPOSURE_KEY:.0f} % of white"
     return Exposure(round(3.0 * stops) / 3.0, rule)
 
 

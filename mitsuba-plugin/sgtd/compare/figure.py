@@ -41,8 +41,7 @@ _INK = "#1c1c1c"
 _FAINT = "#4a4a4a"
 
 # Pixels that are not finite: a color that no scale has.
-_BAD = "#ff00ff"
-_BAD_RGB = (1.0, 0.0, 1.0)
+_BAD = np.array([1.0, 0.0, 1.0, 1.0])
 
 # An enlarged image is no higher than this (picture pixels), however narrow it is.
 _PANEL_HEIGHT = 1440
@@ -64,7 +63,6 @@ class Labels:
 
 def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, labels: Labels) -> None:
     """Writes the picture as PNG. ``left`` and ``right`` are linear sRGB."""
-    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -114,10 +112,12 @@ def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, la
             panel.pixels,
             interpolation="nearest" if factor >= 1 else "antialiased",
             aspect="auto",
-            cmap=panel.colors and matplotlib.colormaps[panel.colors].with_extremes(bad=_BAD),
+            cmap=panel.colors,
             vmin=panel.low,
             vmax=panel.high,
         )
+        if panel.bad.any():
+            axes.imshow(_BAD * panel.bad[..., None], interpolation="nearest", aspect="auto")
         if panel.ticks:
             place = box(x + panel_width + unit * 10, y + caption, unit * 14, panel_height)
             bar = figure.colorbar(shown, cax=figure.add_axes(place))
@@ -132,11 +132,12 @@ def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, la
 
 @dataclass(frozen=True)
 class _Panel:
-    """One of the four images; one with a color scale has ticks (value, text)."""
+    """One of the four images; one with a color scale has ticks (value, text); ``bad`` pixels are not finite."""
 
     heading: str
     words: str
     pixels: np.ndarray
+    bad: np.ndarray
     colors: str | None = None
     low: float | None = None
     high: float | None = None
@@ -148,16 +149,13 @@ def _image_panels(
 ) -> tuple[_Panel, _Panel]:
     sides = ((labels.left, _finite(left), bad[0]), (labels.right, _finite(right), bad[1]))
     if not result.decades:
-        first, second = (
-            _Panel(*words, np.where(mask[..., None], _BAD_RGB, to_display(image, result.exposure.stops)))
-            for words, image, mask in sides
-        )
+        first, second = (_Panel(*words, to_display(image, result.exposure.stops), mask) for words, image, mask in sides)
         return first, second
     low = math.log10(result.floor)
     high = low + result.decades
     ticks = tuple((float(k), f"$10^{{{k}}}$") for k in range(math.ceil(low), math.floor(high) + 1))
     first, second = (
-        _Panel(*words, _masked(np.log10(np.maximum(luminance(image), result.floor)), mask), "viridis", low, high, ticks)
+        _Panel(*words, np.log10(np.maximum(luminance(image), result.floor)), mask, "viridis", low, high, ticks)
         for words, image, mask in sides
     )
     return first, second
@@ -170,13 +168,9 @@ def _difference_panels(bad: np.ndarray, result: Comparison) -> tuple[_Panel, _Pa
     between = "right against left, in stops of luminance"
     perceived = "perceived difference, 0 to 1"
     return (
-        _Panel("Difference", between, _masked(result.stops, bad), "RdBu_r", -scale, scale, stops),
-        _Panel(f"FLIP, mean {result.flip:.4f}", perceived, _masked(result.flip_map, bad), "magma", 0.0, 1.0, unit),
+        _Panel("Difference", between, result.stops, bad, "RdBu_r", -scale, scale, stops),
+        _Panel(f"FLIP, mean {result.flip:.4f}", perceived, result.flip_map, bad, "magma", 0.0, 1.0, unit),
     )
-
-
-def _masked(pixels: np.ndarray, bad: np.ndarray) -> np.ndarray:
-    return np.ma.masked_where(bad, pixels)
 
 
 def _widened(mask: np.ndarray, size: int) -> np.ndarray:
