@@ -97,11 +97,11 @@ def table_bytes(properties: dict[str, Any]) -> int:
     if properties.get("type", "sgtd").startswith("rough"):
         return 0
     row = properties.get("distribution", "sgtd")
-    *shape, _ = _core.shape_of_row(row, *(properties.get(name) for name in ("gamma", "p", "lambda", "shift")))
-    _, *node, _, closed = _core.lowest_node(*shape)
-    ndf = _core.Ndf.get(*node, 1e-5, properties.get("sample_visible", True))
+    shape, _ = _core.shape_of_row(row, *(properties.get(name) for name in ("gamma", "p", "lambda", "shift")))
+    node = _core.lowest_node(shape)
+    ndf = _core.Ndf.get(node.shape, _core.default_accuracy, properties.get("sample_visible", True))
     losses = ndf.losses(False)[0] if properties.get("multiple_scattering") else 0
-    if closed or row == "beckmann" and shape[3] == 0.0:
+    if node.closed_form or (row == "beckmann" and shape.shift == 0.0):
         return losses
     return ndf.table_bytes + losses
 

@@ -151,7 +151,7 @@ def test_ten_million_facets_follow_the_density(llvm, shape, roughness, visible):
     bsdf = sc.load(
         gamma=gamma, p=p, shift=shift, alpha_u=alpha_u, alpha_v=alpha_v, sample_visible=visible, **{"lambda": skew}
     )
-    ndf = Ndf(gamma, p, skew, shift)
+    ndf = Ndf(gamma=gamma, p=p, lam=skew, shift=shift)
     edges = ndf.quantile(np.arange(1, BINS) / BINS)
     # midpoints in the share of slopes and in the azimuth
     grid = (np.arange(BINS * POINTS) + 0.5) / (BINS * POINTS)

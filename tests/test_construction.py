@@ -174,7 +174,7 @@ def test_each_parameter_is_read(scalar, given):
     assert set(given) <= set(mi.traverse(bsdf).keys())
     w = sc.direction(40.0).astype(np.float32).astype(np.float64)
     w /= np.linalg.norm(w)
-    ndf = sgtd.Ndf(**given, alpha_u=0.3, alpha_v=0.3, accuracy=0.0)
+    ndf = sgtd.Ndf(**given, alpha=0.3, accuracy=0.0)
     value = sc.evaluate(bsdf, w, w)[0][0, 0]
     assert value == pytest.approx(ndf.d(w) * ndf.g1(w) ** 2 / (4 * w[2]), rel=1e-4)
 

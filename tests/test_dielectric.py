@@ -310,7 +310,7 @@ def test_masking_of_a_transmission(variant):
     for shape in (dict(distribution="ggx"), dict(gamma=1.7, p=1.2)):
         one, other = (sc.evaluate(load(alpha=0.8, **shape, **GLASS, masking=k), wi, wo)[0][0, 0] for k in MASKING)
         numbers = {"gamma": 2.0} if "distribution" in shape else shape
-        ndf = sgtd.Ndf(**numbers, alpha_u=0.8, alpha_v=0.8, accuracy=0.0)
+        ndf = sgtd.Ndf(**numbers, alpha=0.8, accuracy=0.0)
         g = [float(ndf.g1(w / np.linalg.norm(w))) for w in (wi[0], -wo[0])]
         x, y = 1 / g[0], 1 / g[1]
         beta = math.exp(math.lgamma(x) + math.lgamma(y) - math.lgamma(x + y))

@@ -11,8 +11,8 @@ import mitsuba as mi
 import pytest
 import sgtd
 from sgtd import _core, cli
+from sgtd._core import Shape
 from sgtd.explain.advice import greatest_change
-from sgtd.explain.material import Shape
 
 SENSOR = '<sensor type="perspective"><film type="hdrfilm"/></sensor><emitter type="constant"/>'
 
@@ -94,9 +94,7 @@ def test_node_and_tables_are_those_of_the_core(explained, name):
     assert material["why"]
     if code == "tables":
         shape = material["shape"]
-        ndf = sgtd.Ndf(
-            float(shape["gamma"]), shape["p"], shape["lam"], shape["shift"], accuracy=material["accuracy_asked"]
-        )
+        ndf = sgtd.Ndf(**{**shape, "gamma": float(shape["gamma"])}, accuracy=material["accuracy_asked"])
         assert (material["table_bytes"], material["accuracy_reached"]) == (ndf.table_bytes, ndf.accuracy_reached)
         assert ndf.node == node
         assert 0 < material["build_seconds"] < 1
@@ -226,7 +224,7 @@ def test_advice_on_double_precision_is_right(explained):
         least = float(text.split(f"{name} up to ")[1].split()[0])
         for factor, steep in ((0.97, False), (1.05, True)):
             values = dict(gamma=2.0, p=1.0, lam=0.0, shift=0.0) | {name: least * factor}
-            assert (_core.Ndf.get(**values, accuracy=1e-2).steepness > _core.steep) == steep
+            assert (_core.Ndf.get(Shape(**values), 1e-2).steepness > _core.steep) == steep
 
 
 def test_costs_are_measured(explain):

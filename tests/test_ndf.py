@@ -1,7 +1,11 @@
 """Is sgtd.Ndf right to the last digits, and does it refuse what it cannot answer?"""
 
+import copy
 import csv
 import functools
+import pickle
+import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +14,8 @@ import numpy as np
 import pytest
 import scattering as sc
 import sgtd
-from family import KINDS, named
+from family import KINDS, ROWS, named
+from sgtd import _core
 
 REFERENCE = Path(__file__).parent / "reference"
 
@@ -39,7 +44,8 @@ CASES = [(name, shape) for name in ("visible.csv", "profile.csv") for shape in r
 
 @functools.cache
 def ndf_of(shape):
-    return sgtd.Ndf(*shape, alpha_u=1.0, alpha_v=1.0, accuracy=0.0)
+    gamma, p, lam, shift = shape
+    return sgtd.Ndf(gamma=gamma, p=p, lam=lam, shift=shift, alpha=1.0, accuracy=0.0)
 
 
 @functools.cache
@@ -164,7 +170,7 @@ def test_continuity(switch, quantity):
     x = np.array([1e-4, 0.3, 0.9, 1.7, 3.0])
     answers = []
     for value in values:
-        ndf = sgtd.Ndf(**{**base, parameter: value}, alpha_u=1.0, alpha_v=1.0, accuracy=0.0)
+        ndf = sgtd.Ndf(**{**base, parameter: value}, alpha=1.0, accuracy=0.0)
         if quantity == "normalization":
             answers.append(np.array([ndf.normalization]))
         elif quantity == "lambda_":
@@ -229,7 +235,7 @@ def test_masking(kind):
 @pytest.mark.parametrize("visible", [True, False], ids=["visible", "all"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_sample_returns_its_density(kind, visible):
-    ndf = sgtd.Ndf(**named(KINDS[kind]), alpha_u=0.4, alpha_v=0.2)
+    ndf = sgtd.Ndf(**named(KINDS[kind]), alpha_u=0.4, alpha_v=0.2, accuracy=0.0)
     rng = np.random.default_rng(17)
     wi = sc.direction(70.0, 20.0)
     m, pdf = ndf.sample(wi, rng.random((2000, 2)), visible=visible)
@@ -288,6 +294,26 @@ def test_shapes_of_results():
     assert m.shape == (3,) and np.shape(pdf) == ()
 
 
+def test_arguments_are_broadcast():
+    rng = np.random.default_rng(23)
+    ndf = sgtd.Ndf(gamma=1.8, p=1.2, shift=0.3, alpha_u=0.3, alpha_v=0.1)
+    w, m = sc.uniform_directions(rng, 12).reshape(4, 3, 3), sc.normals(rng, 15, 0.3, 0.1).reshape(5, 3, 3)
+    views, normals = w[:, None], m[None]
+    for function in (ndf.pdf, ndf.g2):
+        result = function(views, normals)
+        assert result.shape == (4, 5, 3)
+        assert [float(function(w[i, k], m[j, k])) for i, j, k in np.ndindex(4, 5, 3)] == result.ravel().tolist()
+    u = rng.random((5, 1, 1, 2))
+    drawn, density = ndf.sample(w, u)
+    assert drawn.shape == (5, 4, 3, 3) and density.shape == (5, 4, 3)
+    for i, j, k in np.ndindex(5, 4, 3):
+        one, its = ndf.sample(w[j, k], u[i, 0, 0])
+        assert np.array_equal(one, drawn[i, j, k]) and its == density[i, j, k]
+    assert ndf.d(m).shape == (5, 3) and ndf.quantile(u).shape == u.shape
+    assert ndf.pdf(np.zeros((0, 1, 1, 3)), m).shape == (0, 5, 3)
+    assert ndf.sample(w[:0], u)[0].shape == (5, 0, 3, 3)
+
+
 def test_batch_equals_loop():
     """Thousands of rows, split among threads, are the rows one by one."""
     rng = np.random.default_rng(19)
@@ -309,14 +335,18 @@ ONE = np.array([0.0, 0.0, 1.0])
 
 REFUSED = {
     "two components": (lambda n: n.d([0.0, 1.0]), "m"),
-    "three axes": (lambda n: n.d(np.zeros((2, 2, 3)) + ONE), "m"),
+    "a number": (lambda n: n.d(1.0), "m.*shape"),
+    "one of many not of unit length": (lambda n: n.d([[ONE, ONE], [ONE, 2 * ONE]]), r"m.*\[1, 1\].*length 2"),
     "complex": (lambda n: n.d(ONE.astype(complex)), "m"),
     "words": (lambda n: n.d(["a", "b", "c"]), "m"),
     "objects": (lambda n: n.d(np.array([None, 0, 1])), "m"),
     "not of unit length": (lambda n: n.d([0.0, 0.0, 1.1]), "m"),
     "not a number": (lambda n: n.g1([np.nan, 0.0, 1.0]), "w"),
     "infinite": (lambda n: n.lambda_([np.inf, 0.0, 1.0]), "w"),
-    "different lengths": (lambda n: n.pdf(np.tile(ONE, (2, 1)), np.tile(ONE, (3, 1))), "wi.*2.*m.*3"),
+    "different lengths": (
+        lambda n: n.pdf(np.tile(ONE, (2, 1)), np.tile(ONE, (3, 1))),
+        r"wi has \(2, 3\), m has \(3, 3\)",
+    ),
     "unknown masking": (lambda n: n.g2(ONE, ONE, masking="smith"), "masking.*smith"),
     "random number 1": (lambda n: n.sample(ONE, [0.5, 1.0]), "u"),
     "random number negative": (lambda n: n.sample(ONE, [-0.1, 0.5]), "u"),
@@ -345,8 +375,9 @@ def test_refused_arguments(case):
         (dict(lam=1.0), ["lam", "1"]),
         (dict(shift=-0.1), ["shift", "-0.1"]),
         (dict(shift=np.inf), ["shift", "inf"]),
-        (dict(alpha_u=-0.1), ["alpha_u", "-0.1"]),
-        (dict(alpha_v=np.nan), ["alpha_v", "nan"]),
+        (dict(alpha=-0.1), ['"alpha"', "-0.1"]),
+        (dict(alpha_u=0.1, alpha_v=np.nan), ["alpha_v", "nan"]),
+        (dict(alpha=[0.1, 0.2]), ["alpha", "not a number"]),
         (dict(accuracy=-1.0), ["accuracy", "-1"]),
         (dict(accuracy=np.nan), ["accuracy", "nan"]),
         (dict(gamma="two"), ["gamma", "two"]),
@@ -359,3 +390,198 @@ def test_refused_shapes(given, words):
     message = str(caught.value).lower()
     assert all(word in message for word in words), message
     assert "\n" not in message
+
+
+# -- the same rules as the plugin's
+
+
+def refusal(call):
+    """The message of a refusal, in the plugin's names."""
+    with pytest.raises((ValueError, RuntimeError)) as caught:
+        call()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        dict(alpha_u=0.2),
+        dict(alpha_v=0.2),
+        dict(alpha=0.1, alpha_v=0.2),
+        dict(alpha=0.1, alpha_u=0.2, alpha_v=0.2),
+        dict(mu=0.1, shift=0.1),
+        dict(mu=0.1, alpha_u=0.2, alpha_v=0.2),
+        dict(mu=-0.1),
+        dict(mu=float("inf")),
+        dict(distribution="gxx"),
+        dict(distribution="student", p=2.0),
+        dict(distribution="ggx", gamma=2.0),
+        dict(gamma=1.0),
+        dict(gamma=1.5),
+        dict(p=1000.0),
+        dict(lam=1.0),
+        dict(shift=-1.0),
+    ],
+    ids=str,
+)
+def test_refused_like_the_plugin(scalar, given):
+    theirs = refusal(lambda: sc.load(**{"lambda" if name == "lam" else name: v for name, v in given.items()}))
+    ours = refusal(lambda: sgtd.Ndf(**given))
+    assert ours in theirs
+
+
+def test_unknown_masking_is_refused_like_the_plugin(scalar):
+    assert refusal(lambda: sgtd.Ndf().g2(ONE, ONE, masking="smith")) in refusal(lambda: sc.load(masking="smith"))
+
+
+def test_positional_arguments_are_refused():
+    """gamma first, or alpha first? Nobody should have to remember."""
+    with pytest.raises(TypeError):
+        sgtd.Ndf(2.0, 1.0)
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_row_is_the_plugins_row(scalar, row):
+    given = {"lam" if name == "lambda" else name: value for name, value in ROWS[row].items()}
+    ndf = sgtd.Ndf(**given, alpha_u=0.3, alpha_v=0.2, accuracy=0.0)
+    bsdf = sc.load(**ROWS[row], alpha_u=0.3, alpha_v=0.2, accuracy=0.0)
+    w = sc.direction(40.0, 25.0).astype(np.float32).astype(np.float64)
+    w /= np.linalg.norm(w)
+    # as Mitsuba's own Beckmann masks by a fit
+    assert sc.evaluate(bsdf, w, w)[0][0, 0] == pytest.approx(ndf.d(w) * ndf.g1(w) ** 2 / (4 * w[2]), rel=1e-2)
+    assert (ndf.alpha_u, ndf.alpha_v) == (0.3, 0.2)
+
+
+def test_one_alpha_is_both():
+    w = sc.direction(50.0, 30.0)
+    assert sgtd.Ndf(alpha=0.3).d(w) == sgtd.Ndf(alpha_u=0.3, alpha_v=0.3).d(w)
+    assert sgtd.Ndf(alpha=0.3, mu=0.15).shift == 0.5
+    assert sgtd.Ndf(distribution="hyper_cauchy", gamma=3.0, alpha=0.3, mu=0.15).shift == pytest.approx(0.5)
+    assert sgtd.Ndf().accuracy == 1e-5
+
+
+# -- copies, processes, threads
+
+FULL = dict(gamma=1.7, p=1.3, lam=0.3, shift=0.4, alpha_u=0.3, alpha_v=0.1, accuracy=1e-4)
+
+
+@pytest.mark.parametrize("given", [{}, FULL, dict(distribution="hyper_cauchy", gamma=2.5, alpha=0.2)], ids=str)
+def test_copies(given):
+    ndf = sgtd.Ndf(**given)
+    w = sc.uniform_directions(np.random.default_rng(20), 50)
+    for copied in (
+        pickle.loads(pickle.dumps(ndf)),
+        copy.copy(ndf),
+        copy.deepcopy(ndf),
+        eval(repr(ndf), {"Ndf": sgtd.Ndf}),
+    ):
+        assert np.array_equal(copied.g1(w), ndf.g1(w)) and np.array_equal(copied.d(w), ndf.d(w))
+        assert repr(copied) == repr(ndf)
+        assert (copied.alpha_u, copied.alpha_v, copied.accuracy) == (ndf.alpha_u, ndf.alpha_v, ndf.accuracy)
+
+
+# Every case runs in a process of its own, which must answer in time.
+IN_CHILDREN = {
+    "the same object": "ask(ndf)",
+    "a new object": "ask(sgtd.Ndf(gamma=1.9, p=1.1, alpha=0.2))",
+    "the table of losses": "assert _core.Ndf.get(Shape(1.9, 1.2, 0.0, 0.0), 1e-3, False).losses(False)[0] > 0",
+    "a child of the child": "ask(ndf); in_child(lambda: ask(ndf))",
+}
+
+PARENT = """
+import os, sys, threading, time
+import numpy as np, sgtd
+from sgtd import _core
+from sgtd._core import Shape
+
+def ask(ndf):
+    w = np.tile([0.6, 0.0, 0.8], (20000, 1))
+    assert len(set(ndf.g1(w))) == 1 and len(set(ndf.cdf(np.ones(20000)))) == 1
+
+def in_child(call):
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            call()
+            status = 0
+        finally:
+            os._exit(status)
+    for _ in range(200):
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            assert status == 0, status
+            return
+        time.sleep(0.05)
+    os.kill(child, 9)
+    os.waitpid(child, 0)
+    raise SystemExit("the child did not answer")
+
+ndf = sgtd.Ndf(gamma=1.8, shift=0.3, accuracy=1e-3)
+ask(ndf)
+_core.Ndf.get(Shape(1.8, 1.2, 0.0, 0.0), 1e-3, False).losses(False)
+"""
+
+
+def answers(program):
+    done = subprocess.run([sys.executable, "-c", PARENT + program], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("what", IN_CHILDREN)
+def test_a_forked_child_answers(what):
+    answers(f"def call():\n    {IN_CHILDREN[what]}\nin_child(call); in_child(call); ask(ndf)")
+
+
+def test_children_of_a_busy_parent_answer():
+    """Threads that are in the core while the parent forks hold its locks and its pool; the child has none of them."""
+    answers("""
+stop = False
+def work(k):
+    turn = 0
+    while not stop:
+        turn += 1
+        ask(sgtd.Ndf(gamma=1.5 + k + 0.001 * turn, p=1.3, alpha=0.2, accuracy=1e-2))
+threads = [threading.Thread(target=work, args=(k,)) for k in range(3)]
+for thread in threads:
+    thread.start()
+try:
+    for turn in range(20):
+        in_child(lambda: (ask(ndf), ask(sgtd.Ndf(gamma=1.51, p=1.3, alpha=0.2, accuracy=1e-2))))
+finally:
+    stop = True
+""")
+
+
+def test_a_pool_of_processes():
+    """multiprocessing's own way: the object goes to the workers, which are forks of a parent that has used it."""
+    answers("""
+import multiprocessing
+w = np.tile([0.6, 0.0, 0.8], (20000, 1))
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    for result in pool.map_async(ndf.g1, [w, w, w]).get(timeout=30):
+        assert np.array_equal(result, ndf.g1(w))
+""")
+
+
+# -- the table of functions
+
+
+def test_the_stub_is_that_of_the_module():
+    """`python -m nanobind.stubgen -m sgtd._core -o mitsuba-plugin/sgtd/_core.pyi` writes it."""
+    from nanobind.stubgen import StubGen
+
+    generator = StubGen(_core)
+    generator.put(_core)
+    assert generator.get() == (Path(sgtd.__file__).parent / "_core.pyi").read_text(encoding="utf-8")
+
+
+def test_functions_of_the_core_are_asked_by_name():
+    core = _core.Ndf.get(_core.Shape(2.0, 1.0, 0.0, 0.0), 1e-3)
+    with pytest.raises(ValueError, match='"sigma" is unknown.*lambda.*sample_visible'):
+        core.eval("sigma", 0.1, 0.1, ONE)
+    for second in (None, ONE[:2], np.tile(ONE, (2, 1))):
+        with pytest.raises(ValueError, match='"second" has . numbers, but 3 are needed'):
+            core.eval("pdf_visible", 0.1, 0.1, ONE, second)
+    with pytest.raises(ValueError, match='"first"'):
+        core.eval("d", 0.1, 0.1, np.append(ONE, 1.0))

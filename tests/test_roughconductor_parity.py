@@ -95,7 +95,7 @@ def test_beckmann_by_another_name_is_exact(variant):
 
     import sgtd
 
-    ndf = sgtd.Ndf(gamma=math.inf, alpha_u=0.5, alpha_v=0.5)
+    ndf = sgtd.Ndf(gamma=math.inf, alpha=0.5)
     w = np.array([np.sin(1.2), 0.0, np.cos(1.2)]).astype(np.float32).astype(np.float64)
     exact = ndf.d(w) * ndf.g1(w) ** 2 / (4 * w[2])
     for given, low, high in ((dict(gamma=math.inf), 0, 1e-4), (dict(distribution="beckmann"), 1e-3, 2e-2)):

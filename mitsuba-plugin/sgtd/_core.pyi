@@ -1,49 +1,98 @@
-from typing import Optional
+from typing import Annotated
 
-import numpy as np
+import numpy
 from numpy.typing import NDArray
 
-mitsuba_release: str
 
-_Array = NDArray[np.float64]
+mitsuba_release: str = '3.9.1'
 
-def shape_of_row(
-    row: str,
-    gamma: Optional[float] = None,
-    p: Optional[float] = None,
-    lam: Optional[float] = None,
-    shift: Optional[float] = None,
-) -> tuple[float, float, float, float, float]: ...
-def lowest_node(
-    gamma: float, p: float, lam: float, shift: float
-) -> tuple[str, float, float, float, float, float, bool]: ...
-def first_of_wrong_length(w: _Array, tolerance: float) -> int: ...
-def first_outside(x: _Array, low: float, high: float) -> int: ...
+steep: float = 38.0
 
-steep: float
+default_accuracy: float = 1e-05
+
+least_alpha: float = 0.0001
+
+class Shape:
+    """Shape of a distribution at unit roughness."""
+
+    def __init__(self, gamma: float, p: float, lam: float, shift: float) -> None: ...
+
+    @property
+    def gamma(self) -> float: ...
+
+    @property
+    def p(self) -> float: ...
+
+    @property
+    def lam(self) -> float: ...
+
+    @property
+    def shift(self) -> float: ...
+
+    def numbers(self) -> tuple[float, float, float, float]:
+        """(gamma, p, lambda, shift)"""
+
+    def __eq__(self, arg: Shape, /) -> bool: ...
+
+    def __hash__(self) -> int: ...
+
+    def __reduce__(self) -> tuple: ...
+
+def shape_of_row(row: str, gamma: float | None = None, p: float | None = None, lam: float | None = None, shift: float | None = None) -> tuple[Shape, float]:
+    """
+    The shape of a named row of the family, and the factor on every roughness given with it.
+    """
+
+class Node:
+    """The node of the family's tree at which a shape runs."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def shape(self) -> Shape: ...
+
+    @property
+    def alpha_scale(self) -> float: ...
+
+    @property
+    def closed_form(self) -> bool: ...
+
+def lowest_node(shape: Shape) -> Node:
+    """The lowest node that the numbers of a shape allow."""
+
+def check_roughness(alpha_u: float, alpha_v: float) -> None: ...
+
+def first_of_wrong_length(w: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], tolerance: float) -> int:
+    """
+    Index of the first row of w whose length differs from 1 by more than the tolerance.
+    """
+
+def first_outside(x: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], low: float, high: float) -> int:
+    """Index of the first number of x that is not in [low, high]."""
 
 class Ndf:
+    """A validated shape with its tables."""
+
     @staticmethod
-    def get(gamma: float, p: float, lam: float, shift: float, accuracy: float, visible: bool = True) -> Ndf: ...
+    def get(shape: Shape, accuracy: float, visible: bool = True) -> Ndf: ...
+
     @property
     def normalization(self) -> float: ...
+
     @property
     def accuracy_reached(self) -> float: ...
+
     @property
     def steepness(self) -> float: ...
+
     @property
     def table_bytes(self) -> int: ...
-    def losses(
-        self, correlated: bool, alpha_u: Optional[float] = None, alpha_v: Optional[float] = None
-    ) -> tuple[int, float]: ...
-    def d(self, alpha_u: float, alpha_v: float, m: _Array) -> _Array: ...
-    def lambda_(self, alpha_u: float, alpha_v: float, w: _Array) -> _Array: ...
-    def g1(self, alpha_u: float, alpha_v: float, w: _Array) -> _Array: ...
-    def g2(self, alpha_u: float, alpha_v: float, wi: _Array, wo: _Array, correlated: bool) -> _Array: ...
-    def pdf(self, alpha_u: float, alpha_v: float, wi: _Array, m: _Array, visible: bool) -> _Array: ...
-    def sample(self, alpha_u: float, alpha_v: float, wi: _Array, u: _Array, visible: bool) -> tuple[_Array, _Array]: ...
-    def profile(self, x: _Array) -> _Array: ...
-    def cdf(self, x: _Array) -> _Array: ...
-    def sf(self, x: _Array) -> _Array: ...
-    def quantile(self, u: _Array) -> _Array: ...
-    def isf(self, s: _Array) -> _Array: ...
+
+    def losses(self, correlated: bool, alpha_u: float | None = None, alpha_v: float | None = None) -> tuple[int, float]:
+        """
+        (bytes, error of E that was measured) of the table of what single scattering loses.
+        """
+
+    def eval(self, query: str, alpha_u: float, alpha_v: float, first: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], second: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)] | None = None) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """A function of the core's table of queries over arrays, by its name."""

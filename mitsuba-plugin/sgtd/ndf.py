@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import functools
+import math
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import numpy as np
 
@@ -16,100 +18,134 @@ if TYPE_CHECKING:
 # How far the length of a direction may be from 1: single precision after a few operations.
 _UNIT_TOLERANCE = 1e-4
 
-# The range of roughness that the core accepts.
-_ALPHA_RANGE = (1e-6, 1e6)
+_DEFAULT_ALPHA = 0.1
+_MASKINGS = ("separable", "height_correlated")
 
 
 class Ndf:
     """A normal distribution of the SGTD family at given roughness.
 
-    With the slope ``t = tan(theta)`` of a normal and ``x = t / alpha``::
+    With the slope ``t = tan(theta)`` of a normal along its azimuth ``phi``, and the stretched radial slope
+    ``x = t sqrt((cos(phi) / alpha_u)^2 + (sin(phi) / alpha_v)^2)``::
 
         D = A f(x) / (pi alpha_u alpha_v cos(theta)^4)
         f(x) = (1 + u / (gamma - 1))^(-gamma),  u = (|x - shift| / (1 +- lam))^(2 p)
 
-    with + where x exceeds the shift; ``gamma = inf`` means ``f = exp(-u)``. The defaults are GGX.
+    with + where x exceeds the shift; ``gamma = inf`` means ``f = exp(-u)``. What is left out is GGX at a roughness of 0.1.
 
-    Directions are unit vectors in the local frame, where z is the normal of the surface: one of shape (3,), or many of shape (N, 3).
-    Results have shape () or (N,); one direction goes with many. Densities are per solid angle. Bad arguments raise ``ValueError``.
+    All arguments are keywords, and mean what the plugins' properties of the same names mean (``lam`` is their ``lambda``):
 
-    ``accuracy`` is the permitted relative error of :meth:`g1` (0 to 0.1). 0, the default, computes it by quadrature on every call
-    (Student's distribution by a closed form); the plugin's default of 1e-5 is 30 to some hundred times faster.
+    ================  =======================================================================================================
+    ``distribution``  row of the family: sgtd (the default, with all parameters free), gtd, sgnd, std, gnd, snd, student,
+                      hyper_cauchy (``alpha`` is that of the literature: sqrt((gamma - 1) / 2) times the one above),
+                      beckmann, ggx. A parameter that the row fixes is refused.
+    ``gamma``         tail, above 1 or ``inf``: 2 as GGX, inf as Beckmann; 2 p gamma exceeds 3. Default 2.
+    ``p``             kurtosis, 0.1 to 100: above 1 flatter, below 1 more peaked. Default 1.
+    ``lam``           skew, -0.9999 to 0.9999: positive widens the outer side. Default 0.
+    ``shift``         radius of a ring of slopes over the roughness, 0 to 10000. Default 0.
+    ``mu``            the same as a slope, ``shift = mu / alpha``: instead of ``shift``, and with ``alpha`` alone
+    ``alpha``         roughness, 1e-6 to 1e6. Default 0.1.
+    ``alpha_u``,      instead of ``alpha``: roughness along x and along y; give both
+    ``alpha_v``
+    ``accuracy``      permitted relative error of :meth:`g1`, 0 to 0.1. Default 1e-5, as the plugins'. 0 computes masking on
+                      every call, to 1e-12: 30 to some hundred times slower.
+    ================  =======================================================================================================
+
+    Directions are unit vectors in the local frame, where z is the normal of the surface, in arrays of shape (..., 3). Arguments
+    of one call are broadcast against each other as NumPy does it; results have the shape that remains without the last axis.
+    Densities are per solid angle. Bad arguments raise ``ValueError`` in the plugins' words.
+
+    Calls release the interpreter lock and run on all cores, also in the child of a fork. Objects can be copied and pickled; equal
+    ones share their tables.
     """
 
     def __init__(
         self,
-        gamma: float = 2.0,
-        p: float = 1.0,
-        lam: float = 0.0,
-        shift: float = 0.0,
-        alpha_u: float = 0.1,
-        alpha_v: float = 0.1,
-        accuracy: float = 0.0,
-    ) -> None:
-        values = dict(gamma=gamma, p=p, lam=lam, shift=shift, alpha_u=alpha_u, alpha_v=alpha_v, accuracy=accuracy)
-        for name, value in values.items():
-            try:
-                values[name] = float(value)
-            except (TypeError, ValueError):
-                raise ValueError(f"{name}: {value!r} is not a number") from None
-        for name in ("alpha_u", "alpha_v"):
-            low, high = _ALPHA_RANGE
-            if not low <= values[name] <= high:
-                raise ValueError(f'parameter "{name}" is {values[name]:g}, but must be between {low:g} and {high:g}')
-        self._shape = (values["gamma"], values["p"], values["lam"], values["shift"])
-        self._alpha = (values["alpha_u"], values["alpha_v"])
-        self._given_accuracy = values["accuracy"]
-        self._core = _core.Ndf.get(*self._shape, self._given_accuracy)
-
-    @classmethod
-    def row(
-        cls,
-        name: str,
         *,
-        gamma: float | None = None,
-        p: float | None = None,
-        lam: float | None = None,
-        shift: float | None = None,
-        alpha_u: float = 0.1,
-        alpha_v: float = 0.1,
-        accuracy: float = 0.0,
-    ) -> Ndf:
-        """A named row of the family, as the plugin's ``distribution``: only parameters that the row leaves free may be given."""
-        *shape, alpha_scale = _core.shape_of_row(name, gamma, p, lam, shift)
-        return cls(*shape, alpha_scale * alpha_u, alpha_scale * alpha_v, accuracy)
+        distribution: str = "sgtd",
+        gamma: SupportsFloat | None = None,
+        p: SupportsFloat | None = None,
+        lam: SupportsFloat | None = None,
+        shift: SupportsFloat | None = None,
+        mu: SupportsFloat | None = None,
+        alpha: SupportsFloat | None = None,
+        alpha_u: SupportsFloat | None = None,
+        alpha_v: SupportsFloat | None = None,
+        accuracy: SupportsFloat = _core.default_accuracy,
+    ) -> None:
+        named = dict(gamma=gamma, p=p, lam=lam, shift=shift, mu=mu, alpha=alpha, alpha_u=alpha_u, alpha_v=alpha_v)
+        numbers = {name: _number(name, value) for name, value in named.items() if value is not None}
+        self._accuracy = _number("accuracy", accuracy)
+        self._given: dict[str, Any] = {"distribution": distribution, **numbers, "accuracy": self._accuracy}
+        self._row = str(distribution).lower()
+        self._alpha = _roughness(numbers)
+        gamma, p, lam = (numbers.get(name) for name in ("gamma", "p", "lam"))
+        # the factor does not depend on the shift
+        _, scale = _core.shape_of_row(self._row, gamma, p, lam)
+        self._stretch = (scale * self._alpha[0], scale * self._alpha[1])
+        self._shape, _ = _core.shape_of_row(self._row, gamma, p, lam, _shift(numbers, self._stretch[0]))
+        self._core = _core.Ndf.get(self._shape, self._accuracy)
 
     def __repr__(self) -> str:
-        gamma, p, lam, shift = self._shape
-        return (
-            f"Ndf(gamma={gamma:g}, p={p:g}, lam={lam:g}, shift={shift:g}, "
-            f"alpha_u={self.alpha_u:g}, alpha_v={self.alpha_v:g}, accuracy={self._given_accuracy:g})"
-        )
+        return f"Ndf({', '.join(f'{name}={value!r}' for name, value in self._given.items())})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return functools.partial(type(self), **self._given), ()
+
+    @property
+    def distribution(self) -> str:
+        """Row of the family, as it was given."""
+        return self._row
+
+    @property
+    def gamma(self) -> float:
+        """Tail."""
+        return self._shape.gamma
+
+    @property
+    def p(self) -> float:
+        """Kurtosis."""
+        return self._shape.p
+
+    @property
+    def lam(self) -> float:
+        """Skew."""
+        return self._shape.lam
+
+    @property
+    def shift(self) -> float:
+        """Radius of the ring over the roughness."""
+        return self._shape.shift
 
     @property
     def alpha_u(self) -> float:
-        """Roughness along x."""
+        """Roughness along x, as it was given."""
         return self._alpha[0]
 
     @property
     def alpha_v(self) -> float:
-        """Roughness along y."""
+        """Roughness along y, as it was given."""
         return self._alpha[1]
 
     @property
-    def normalization(self) -> float:
-        """The factor A."""
-        return self._core.normalization
+    def accuracy(self) -> float:
+        """The permitted relative error of :meth:`g1`."""
+        return self._accuracy
 
     @property
     def accuracy_reached(self) -> float:
-        """The relative error of :meth:`g1` that the tables have."""
+        """The relative error of :meth:`g1` that was measured when the tables were made."""
         return self._core.accuracy_reached
+
+    @property
+    def normalization(self) -> float:
+        """The factor A: ``1 / (2 A)`` is the integral of ``x f(x)`` over x >= 0."""
+        return self._core.normalization
 
     @property
     def node(self) -> str:
         """The row of the family at which the shape runs: the lowest that its numbers allow."""
-        return _core.lowest_node(*self._shape)[0]
+        return _core.lowest_node(self._shape).name
 
     @property
     def table_bytes(self) -> int:
@@ -117,69 +153,121 @@ class Ndf:
         return self._core.table_bytes
 
     def d(self, m: ArrayLike) -> Array:
-        """The distribution of normals D(m)."""
-        (m,), shape = _directions(m=m)
-        return self._core.d(*self._alpha, m).reshape(shape)
+        """The distribution D of normals ``m`` (..., 3), per solid angle: the integral of D cos(theta) is 1. 0 below the surface."""
+        return self._eval("d", m=m)
 
     def lambda_(self, w: ArrayLike) -> Array:
-        """Smith's Lambda: masked area over visible area."""
-        (w,), shape = _directions(w=w)
-        return self._core.lambda_(*self._alpha, w).reshape(shape)
+        """Smith's Lambda for a direction ``w`` (..., 3): masked over visible projected area, from 0 to infinity."""
+        return self._eval("lambda", w=w)
 
     def g1(self, w: ArrayLike) -> Array:
-        """Smith's masking 1 / (1 + Lambda)."""
-        (w,), shape = _directions(w=w)
-        return self._core.g1(*self._alpha, w).reshape(shape)
+        """Smith's masking of a direction ``w`` (..., 3), ``1 / (1 + Lambda)``, with a relative error of at most ``accuracy``."""
+        return self._eval("g1", w=w)
 
     def g2(self, wi: ArrayLike, wo: ArrayLike, masking: str = "separable") -> Array:
-        """Masking and shadowing, ``"separable"`` or ``"height_correlated"``."""
-        if masking not in ("separable", "height_correlated"):
-            raise ValueError(f'masking: {masking!r} is not known; it must be "separable" or "height_correlated"')
-        (wi, wo), shape = _directions(wi=wi, wo=wo)
-        return self._core.g2(*self._alpha, wi, wo, masking == "height_correlated").reshape(shape)
+        """Masking and shadowing of two directions ``wi`` and ``wo`` (..., 3) on the same side.
+
+        ``"separable"`` is ``G1(wi) G1(wo)``, ``"height_correlated"`` is ``1 / (1 + Lambda(wi) + Lambda(wo))``.
+        """
+        name = str(masking).lower()
+        if name not in _MASKINGS:
+            raise ValueError(f'masking "{masking}" is unknown: choose one of {", ".join(_MASKINGS)}')
+        return self._eval(f"g2_{name}", wi=wi, wo=wo)
 
     def pdf(self, wi: ArrayLike, m: ArrayLike, visible: bool = True) -> Array:
-        """Density of the normals that :meth:`sample` draws."""
-        (wi, m), shape = _directions(wi=wi, m=m)
-        return self._core.pdf(*self._alpha, wi, m, bool(visible)).reshape(shape)
+        """Density per solid angle of the normals ``m`` (..., 3) that :meth:`sample` draws for a view ``wi`` (..., 3)."""
+        return self._eval("pdf_visible" if visible else "pdf_projected", wi=wi, m=m)
 
     def sample(self, wi: ArrayLike, u: ArrayLike, visible: bool = True) -> tuple[Array, Array]:
-        """Draws normals with random numbers ``u`` of shape (2,) or (N, 2) in [0, 1).
+        """Draws normals: those visible from ``wi`` (..., 3), or all of D cos(theta), by random numbers ``u`` (..., 2) in [0, 1).
 
-        Returns the normals and their densities; a density of 0 marks a sample that no reflection can use.
+        Returns normals (..., 3) and their densities (...), which are those of :meth:`pdf`; a density of 0 marks a sample that no
+        reflection can use.
         """
-        (wi,), _ = _directions(wi=wi)
-        u = _vectors("u", u, 2)
-        if _core.first_outside(u, 0.0, np.nextafter(1.0, 0.0)) < u.size:
+        views = _directions("wi", wi)
+        numbers = _vectors("u", u, 2)
+        if _core.first_outside(numbers, 0.0, np.nextafter(1.0, 0.0)) < numbers.size:
             raise ValueError("u: all numbers must be in [0, 1)")
-        (wi, u), shape = _together(wi=wi, u=u)
-        normals, pdf = self._core.sample(*self._alpha, wi, u, bool(visible))
+        shape, views, numbers = _together(wi=views, u=numbers)
+        query = "sample_visible" if visible else "sample_projected"
+        normals, pdf = np.split(self._core.eval(query, *self._stretch, views, numbers), [views.size])
         return normals.reshape((*shape, 3)), pdf.reshape(shape)
 
     def profile(self, x: ArrayLike) -> Array:
-        """f at the stretched radial slope x >= 0."""
-        x = _numbers("x", x, 0.0, np.inf)
-        return self._core.profile(x).reshape(x.shape)
+        """f at stretched radial slopes ``x`` >= 0 of any shape: 1 at the shift."""
+        return self._eval_numbers("profile", "x", x, math.inf)
 
     def cdf(self, x: ArrayLike) -> Array:
-        """Probability under D cos that the stretched radial slope is below x."""
-        x = _numbers("x", x, 0.0, np.inf)
-        return self._core.cdf(x).reshape(x.shape)
+        """Probability under D cos(theta) that the stretched radial slope is below ``x`` >= 0; relative error at most 1e-12."""
+        return self._eval_numbers("cdf", "x", x, math.inf)
 
     def sf(self, x: ArrayLike) -> Array:
-        """1 - cdf(x), to full precision in the tail."""
-        x = _numbers("x", x, 0.0, np.inf)
-        return self._core.sf(x).reshape(x.shape)
+        """``1 - cdf(x)``, to the same relative error in the tail."""
+        return self._eval_numbers("sf", "x", x, math.inf)
 
     def quantile(self, u: ArrayLike) -> Array:
-        """The x with cdf(x) = u."""
-        u = _numbers("u", u, 0.0, 1.0)
-        return self._core.quantile(u).reshape(u.shape)
+        """The x with ``cdf(x) = u``, for ``u`` in [0, 1]."""
+        return self._eval_numbers("quantile", "u", u, 1.0)
 
     def isf(self, s: ArrayLike) -> Array:
-        """The x with sf(x) = s, to full precision in the tail."""
-        s = _numbers("s", s, 0.0, 1.0)
-        return self._core.isf(s).reshape(s.shape)
+        """The x with ``sf(x) = s``, for ``s`` in [0, 1]: exact in the tail, where ``1 - s`` is 1."""
+        return self._eval_numbers("isf", "s", s, 1.0)
+
+    def _eval(self, query: str, **directions: ArrayLike) -> Array:
+        """A function of the core's table over one or two arrays of directions."""
+        shape, *arrays = _together(**{name: _directions(name, values) for name, values in directions.items()})
+        return self._core.eval(query, *self._stretch, *arrays).reshape(shape)
+
+    def _eval_numbers(self, query: str, name: str, values: ArrayLike, high: float) -> Array:
+        array = _array(name, values)
+        if _core.first_outside(array, 0.0, high) < array.size:
+            raise ValueError(f"{name}: all numbers must be between 0 and {high:g}")
+        return self._core.eval(query, *self._stretch, array).reshape(array.shape)
+
+
+def _number(name: str, value: SupportsFloat) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: {value!r} is not a number") from None
+
+
+def _roughness(given: dict[str, float]) -> tuple[float, float]:
+    """Along x and y: the plugins' rules, but for 0, which they take as 1e-4."""
+    u, v = "alpha_u" in given, "alpha_v" in given
+    if u != v:
+        missing = "alpha_v" if u else "alpha_u"
+        raise ValueError(f'parameter "{missing}" is missing: give both alpha_u and alpha_v, or alpha alone')
+    if u and "alpha" in given:
+        raise ValueError(
+            'parameters "alpha" and "alpha_u", "alpha_v" are given together: choose alpha alone, or the other two'
+        )
+    if u:
+        alpha = given["alpha_u"], given["alpha_v"]
+        _core.check_roughness(*alpha)
+        return alpha
+    single = given.get("alpha", _DEFAULT_ALPHA)
+    try:
+        _core.check_roughness(single, single)
+    except ValueError as error:
+        raise ValueError(str(error).replace('"alpha_u"', '"alpha"')) from None
+    return single, single
+
+
+def _shift(given: dict[str, float], alpha: float) -> float | None:
+    """The shift, from mu if that was given; ``alpha`` is the roughness that the row makes of the user's."""
+    if "mu" not in given:
+        return given.get("shift")
+    mu = given["mu"]
+    if "shift" in given:
+        raise ValueError('parameters "mu" and "shift" are given together: choose one (shift = mu / alpha)')
+    if "alpha_u" in given:
+        raise ValueError(
+            'parameter "mu" is given, but needs "alpha" as one number (the shape depends on mu / alpha): give "shift" instead'
+        )
+    if not (math.isfinite(mu) and mu >= 0.0):
+        raise ValueError(f'parameter "mu" is {mu:g}, but must be a finite number of at least 0')
+    return mu / alpha
 
 
 def _array(name: str, values: ArrayLike) -> Array:
@@ -189,40 +277,30 @@ def _array(name: str, values: ArrayLike) -> Array:
     return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
 
 
-def _numbers(name: str, values: ArrayLike, low: float, high: float) -> Array:
-    array = _array(name, values)
-    if _core.first_outside(array, low, high) < array.size:
-        raise ValueError(f"{name}: all numbers must be between {low:g} and {high:g}")
-    return array
-
-
 def _vectors(name: str, values: ArrayLike, size: int) -> Array:
     array = _array(name, values)
-    if array.ndim not in (1, 2) or array.shape[-1] != size:
-        raise ValueError(f"{name}: its shape is {array.shape}; it must be ({size},) or (N, {size})")
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"{name}: its shape is {array.shape}; it must be (..., {size})")
     return array
 
 
-def _directions(**named: ArrayLike) -> tuple[list[Array], tuple[int, ...]]:
-    """Checks unit vectors; returns them with as many rows each, and the shape of the results."""
-    arrays = {}
-    for name, values in named.items():
-        array = _vectors(name, values, 3)
-        wrong = _core.first_of_wrong_length(array, _UNIT_TOLERANCE)
-        if wrong < array.size // 3:
-            row = f" {wrong}" if array.ndim == 2 else ""
-            length = np.linalg.norm(np.atleast_2d(array)[wrong])
-            raise ValueError(f"{name}: direction{row} has length {length:g}; it must be 1")
-        arrays[name] = array
-    return _together(**arrays)
+def _directions(name: str, values: ArrayLike) -> Array:
+    """Unit vectors."""
+    array = _vectors(name, values, 3)
+    wrong = _core.first_of_wrong_length(array, _UNIT_TOLERANCE)
+    if wrong < array.size // 3:
+        place = ", ".join(str(index) for index in np.unravel_index(wrong, array.shape[:-1]))
+        length = np.linalg.norm(array.reshape(-1, 3)[wrong])
+        raise ValueError(f"{name}: direction{f' [{place}]' if place else ''} has length {length:g}; it must be 1")
+    return array
 
 
-def _together(**arrays: Array) -> tuple[list[Array], tuple[int, ...]]:
-    """Repeats single vectors so that all arrays have as many rows."""
-    counts = {name: array.shape[0] for name, array in arrays.items() if array.ndim == 2}
-    if len(set(counts.values())) > 1:
-        listing = ", ".join(f"{name} has {count}" for name, count in counts.items())
-        raise ValueError(f"the numbers of rows differ: {listing}")
-    shape = (next(iter(counts.values())),) if counts else ()
-    full = [np.ascontiguousarray(np.broadcast_to(a, (*shape, a.shape[-1]))) for a in arrays.values()]
-    return full, shape
+def _together(**arrays: Array) -> tuple[Any, ...]:
+    """The shape that the arrays have together without their last axes, and each of them in full."""
+    try:
+        shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    except ValueError:
+        listing = ", ".join(f"{name} has {array.shape}" for name, array in arrays.items())
+        raise ValueError(f"the shapes do not go together: {listing}") from None
+    full = (np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays.values())
+    return (shape, *(np.ascontiguousarray(array) for array in full))

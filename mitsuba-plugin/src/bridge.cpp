@@ -1,9 +1,12 @@
 #include "bridge.h"
 
+#include <atomic>
 #include <map>
 #include <mutex>
 #include <stdexcept>
 #include <tuple>
+
+#include <pthread.h>
 
 #include "rust/cxx.h"
 #include "sgtd-core/src/bridge.rs.h"
@@ -27,13 +30,11 @@ sgtd::Given given(std::optional<double> value) {
 
 sgtd::Vec3 to_core(const Vec3 &v) { return { v[0], v[1], v[2] }; }
 
-sgtd::Shape to_core(const Shape &shape) {
-    return { shape.gamma, shape.p, shape.lambda, shape.shift };
+Shape from_core(const std::array<double, 4> &shape) {
+    return { shape[0], shape[1], shape[2], shape[3] };
 }
 
-Shape from_core(const sgtd::Shape &shape) {
-    return { shape.gamma, shape.p, shape.lambda, shape.shift };
-}
+rust::Str to_core(std::string_view text) { return { text.data(), text.size() }; }
 
 template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.data, slice.size }; }
 
@@ -41,7 +42,8 @@ template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.da
 ///
 /// There is one slot per distinct key. A slot has its own lock, so that scene loading threads that
 /// want different values do not wait for each other, and those that want the same one build it
-/// once.
+/// once. The child of a fork starts with no slots: a thread that it lacks may hold any of the
+/// locks.
 template <typename Key, typename Value> class Shared {
 public:
     template <typename Build> std::shared_ptr<const Value> get(const Key &key, const Build &build) {
@@ -57,46 +59,84 @@ public:
         return result;
     }
 
+    /// What was shared so far stays with those who hold it.
+    void forget() { m_slots.store(nullptr); }
+
 private:
     struct Slot {
         std::mutex mutex;
         std::weak_ptr<const Value> value;
     };
 
+    struct Slots {
+        std::mutex mutex;
+        std::map<Key, std::shared_ptr<Slot>> by_key;
+    };
+
     std::shared_ptr<Slot> slot_of(const Key &key) {
-        std::lock_guard<std::mutex> guard(m_mutex);
+        Slots &slots = this_process();
+        std::lock_guard<std::mutex> guard(slots.mutex);
         // Slots without users are dropped: the optimization of a shape visits thousands of them
-        for (auto it = m_slots.begin(); it != m_slots.end();) {
+        for (auto it = slots.by_key.begin(); it != slots.by_key.end();) {
             bool unused = it->second.use_count() == 1 && it->second->value.expired();
-            it          = unused ? m_slots.erase(it) : std::next(it);
+            it          = unused ? slots.by_key.erase(it) : std::next(it);
         }
-        std::shared_ptr<Slot> &entry = m_slots[key];
+        std::shared_ptr<Slot> &entry = slots.by_key[key];
         if (!entry)
             entry = std::make_shared<Slot>();
         return entry;
     }
 
-    std::mutex m_mutex;
-    std::map<Key, std::shared_ptr<Slot>> m_slots;
+    Slots &this_process() {
+        Slots *found = m_slots.load();
+        if (!found) {
+            auto made = std::make_unique<Slots>();
+            if (m_slots.compare_exchange_strong(found, made.get()))
+                found = made.release(); // never freed: threads may outlive the end of main()
+        }
+        return *found;
+    }
+
+    std::atomic<Slots *> m_slots = nullptr;
 };
+
+using NdfKey = std::tuple<double, double, double, double, double, bool>;
+Shared<NdfKey, Ndf> shared_ndfs;
+
+/// The pair is (0, 0) for tables of every isotropic roughness.
+using LossesKey = std::tuple<double, double, double, double, double, bool, double, double>;
+Shared<LossesKey, Losses> shared_losses;
+
+/// Runs in the child of every fork, where only stores are safe.
+void forget_parent() {
+    shared_ndfs.forget();
+    shared_losses.forget();
+    sgtd::forget_threads();
+}
+
+[[maybe_unused]] const int registered = pthread_atfork(nullptr, nullptr, forget_parent);
 
 } // namespace
 
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
                       std::optional<double> lambda, std::optional<double> shift) {
     return checked([&] {
-        sgtd::RowShape result = sgtd::shape_of_row(rust::Str(row.data(), row.size()), given(gamma),
-                                                   given(p), given(lambda), given(shift));
+        sgtd::RowShape result =
+            sgtd::shape_of_row(to_core(row), given(gamma), given(p), given(lambda), given(shift));
         return RowShape{ from_core(result.shape), result.alpha_scale };
     });
 }
 
 Node lowest_node(const Shape &shape) {
     return checked([&] {
-        sgtd::Node node = sgtd::lowest_node(to_core(shape));
+        sgtd::Node node = sgtd::lowest_node(shape.numbers());
         return Node{ std::string(node.name), from_core(node.shape), node.alpha_scale,
                      node.closed_form };
     });
+}
+
+void check_roughness(double alpha_u, double alpha_v) {
+    checked([&] { sgtd::check_roughness(alpha_u, alpha_v); });
 }
 
 size_t first_of_wrong_length(Slice<const double> w, double tolerance) {
@@ -117,13 +157,13 @@ Ndf::Ndf(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {}
 Ndf::~Ndf() = default;
 
 std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool visible) {
-    static Shared<std::tuple<double, double, double, double, double, bool>, Ndf> shared;
-    return shared.get({ shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible }, [&] {
-        rust::Box<sgtd::Ndf> core =
-            checked([&] { return sgtd::new_ndf(to_core(shape), accuracy, visible); });
-        return std::shared_ptr<const Ndf>(
-            new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core), shape, accuracy })));
-    });
+    return shared_ndfs.get(
+        { shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible }, [&] {
+            rust::Box<sgtd::Ndf> core =
+                checked([&] { return sgtd::new_ndf(shape.numbers(), accuracy, visible); });
+            return std::shared_ptr<const Ndf>(
+                new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core), shape, accuracy })));
+        });
 }
 
 Tables Ndf::tables() const {
@@ -164,10 +204,6 @@ static std::shared_ptr<const Losses> to_host(const sgtd::AlbedoTable &core) {
     return std::make_shared<const Losses>(std::move(result));
 }
 
-/// The pair is (0, 0) for tables of every isotropic roughness.
-using LossesKey = std::tuple<double, double, double, double, double, bool, double, double>;
-static Shared<LossesKey, Losses> shared_losses;
-
 std::shared_ptr<const Losses> Ndf::losses(bool correlated) const {
     const Shape &shape = m_impl->shape;
     return shared_losses.get(
@@ -205,57 +241,16 @@ NormalSample Ndf::sample(double alpha_u, double alpha_v, const Vec3 &wi, double 
     return { { s.m.x, s.m.y, s.m.z }, s.pdf, s.d_over_pdf };
 }
 
-void Ndf::d_batch(double alpha_u, double alpha_v, In m, Out out) const {
-    checked([&] { m_impl->core->d_batch(alpha_u, alpha_v, to_core(m), to_core(out)); });
+size_t Ndf::results_of(std::string_view query, size_t numbers) {
+    return checked([&] { return sgtd::results_of(to_core(query), numbers); });
 }
 
-void Ndf::lambda_batch(double alpha_u, double alpha_v, In w, Out out) const {
-    checked([&] { m_impl->core->lambda_batch(alpha_u, alpha_v, to_core(w), to_core(out)); });
-}
-
-void Ndf::g1_batch(double alpha_u, double alpha_v, In w, Out out) const {
-    checked([&] { m_impl->core->g1_batch(alpha_u, alpha_v, to_core(w), to_core(out)); });
-}
-
-void Ndf::g2_batch(double alpha_u, double alpha_v, In wi, In wo, bool correlated, Out out) const {
+void Ndf::eval(std::string_view query, double alpha_u, double alpha_v, In first, In second,
+               Out out) const {
     checked([&] {
-        m_impl->core->g2_batch(alpha_u, alpha_v, to_core(wi), to_core(wo), correlated,
-                               to_core(out));
+        m_impl->core->eval_batch(to_core(query), alpha_u, alpha_v, to_core(first), to_core(second),
+                                 to_core(out));
     });
-}
-
-void Ndf::pdf_batch(double alpha_u, double alpha_v, In wi, In m, bool visible, Out out) const {
-    checked([&] {
-        m_impl->core->pdf_batch(alpha_u, alpha_v, to_core(wi), to_core(m), visible, to_core(out));
-    });
-}
-
-void Ndf::sample_batch(double alpha_u, double alpha_v, In wi, In u, bool visible, Out m,
-                       Out pdf) const {
-    checked([&] {
-        m_impl->core->sample_batch(alpha_u, alpha_v, to_core(wi), to_core(u), visible, to_core(m),
-                                   to_core(pdf));
-    });
-}
-
-void Ndf::profile_batch(In x, Out out) const {
-    checked([&] { m_impl->core->profile_batch(to_core(x), to_core(out)); });
-}
-
-void Ndf::cdf_batch(In x, Out out) const {
-    checked([&] { m_impl->core->cdf_batch(to_core(x), to_core(out)); });
-}
-
-void Ndf::sf_batch(In x, Out out) const {
-    checked([&] { m_impl->core->sf_batch(to_core(x), to_core(out)); });
-}
-
-void Ndf::quantile_batch(In u, Out out) const {
-    checked([&] { m_impl->core->quantile_batch(to_core(u), to_core(out)); });
-}
-
-void Ndf::isf_batch(In s, Out out) const {
-    checked([&] { m_impl->core->isf_batch(to_core(s), to_core(out)); });
 }
 
 } // namespace sgtd::host

@@ -26,9 +26,9 @@ template <typename T> struct Slice {
 struct Shape {
     double gamma, p, lambda, shift;
 
-    bool operator==(const Shape &s) const {
-        return gamma == s.gamma && p == s.p && lambda == s.lambda && shift == s.shift;
-    }
+    std::array<double, 4> numbers() const { return { gamma, p, lambda, shift }; }
+
+    bool operator==(const Shape &other) const { return numbers() == other.numbers(); }
 };
 
 /// What a row of the family makes of the parameters that were given.
@@ -68,6 +68,12 @@ struct NormalSample {
 /// Lower values cost time, higher ones accuracy.
 constexpr double Steep = 38.0;
 
+/// What a material asks for if nothing is said: the permitted relative error of G1.
+constexpr double DefaultAccuracy = 1e-5;
+
+/// Mitsuba's renderers take a lower roughness as this one.
+constexpr double LeastAlpha = 1e-4;
+
 /// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
 struct Tables {
     double normalization, scale, accuracy_reached;
@@ -94,6 +100,9 @@ RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::op
                       std::optional<double> lambda, std::optional<double> shift);
 
 Node lowest_node(const Shape &shape);
+
+/// Throws if the core would not take these roughnesses.
+void check_roughness(double alpha_u, double alpha_v);
 
 /// Index of the first of the packed directions whose length differs from 1 by more than
 /// `tolerance`; their number if there is none.
@@ -126,23 +135,13 @@ public:
     std::shared_ptr<const Losses> losses(bool correlated) const;
     std::shared_ptr<const Losses> losses(bool correlated, double alpha_u, double alpha_v) const;
 
-    /// Batches. Directions are packed xyz, random numbers are pairs.
+    /// Functions over arrays, by their names in the core's table of queries. Directions are packed
+    /// xyz. `results_of` says how many numbers come of so many in the first array.
     using In  = Slice<const double>;
     using Out = Slice<double>;
-    void d_batch(double alpha_u, double alpha_v, In m, Out out) const;
-    void lambda_batch(double alpha_u, double alpha_v, In w, Out out) const;
-    void g1_batch(double alpha_u, double alpha_v, In w, Out out) const;
-    void g2_batch(double alpha_u, double alpha_v, In wi, In wo, bool correlated, Out out) const;
-    void pdf_batch(double alpha_u, double alpha_v, In wi, In m, bool visible, Out out) const;
-    void sample_batch(double alpha_u, double alpha_v, In wi, In u, bool visible, Out m,
-                      Out pdf) const;
-
-    /// Functions of the stretched radial slope alone.
-    void profile_batch(In x, Out out) const;
-    void cdf_batch(In x, Out out) const;
-    void sf_batch(In x, Out out) const;
-    void quantile_batch(In u, Out out) const;
-    void isf_batch(In s, Out out) const;
+    static size_t results_of(std::string_view query, size_t numbers);
+    void eval(std::string_view query, double alpha_u, double alpha_v, In first, In second,
+              Out out) const;
 
 private:
     struct Impl;

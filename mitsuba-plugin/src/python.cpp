@@ -14,11 +14,15 @@
 namespace nb = nanobind;
 using namespace nb::literals;
 using sgtd::host::Ndf;
+using sgtd::host::Node;
+using sgtd::host::Shape;
 
 namespace {
 
 /// C-contiguous float64 of any shape; the number of values is what counts here.
 using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+
+using Flat = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
 
 Ndf::In in(const Array &array) { return { array.data(), array.size() }; }
 
@@ -29,10 +33,10 @@ public:
 
     Ndf::Out out() { return { m_data.get(), m_size }; }
 
-    nb::object release() {
+    Flat release() {
         double *data = m_data.release();
         nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
-        return nb::ndarray<nb::numpy, double, nb::ndim<1>>(data, { m_size }, owner).cast();
+        return Flat(data, { m_size }, owner);
     }
 
 private:
@@ -40,56 +44,65 @@ private:
     size_t m_size;
 };
 
-template <typename Call> nb::object fill(size_t size, Call &&call) {
-    Output result(size);
-    {
-        nb::gil_scoped_release unlocked;
-        call(result.out());
-    }
-    return result.release();
-}
-
-using PerNumber    = void (Ndf::*)(Ndf::In, Ndf::Out) const;
-using PerDirection = void (Ndf::*)(double, double, Ndf::In, Ndf::Out) const;
-
-template <PerNumber Method> nb::object per_number(const Ndf &ndf, const Array &x) {
-    return fill(x.size(), [&](Ndf::Out out) { (ndf.*Method)(in(x), out); });
-}
-
-template <PerDirection Method>
-nb::object per_direction(const Ndf &ndf, double alpha_u, double alpha_v, const Array &w) {
-    return fill(w.size() / 3, [&](Ndf::Out out) { (ndf.*Method)(alpha_u, alpha_v, in(w), out); });
-}
-
 } // namespace
 
 NB_MODULE(_core, m) {
-    m.attr("mitsuba_release") = SGTD_MITSUBA_RELEASE;
-    m.attr("steep")           = sgtd::host::Steep;
+    m.attr("mitsuba_release")  = SGTD_MITSUBA_RELEASE;
+    m.attr("steep")            = sgtd::host::Steep;
+    m.attr("default_accuracy") = sgtd::host::DefaultAccuracy;
+    m.attr("least_alpha")      = sgtd::host::LeastAlpha;
+
+    nb::class_<Shape>(m, "Shape", "Shape of a distribution at unit roughness.")
+        .def(
+            "__init__",
+            [](Shape *self, double gamma, double p, double lam, double shift) {
+                new (self) Shape{ gamma, p, lam, shift };
+            },
+            "gamma"_a, "p"_a, "lam"_a, "shift"_a)
+        .def_ro("gamma", &Shape::gamma)
+        .def_ro("p", &Shape::p)
+        .def_ro("lam", &Shape::lambda)
+        .def_ro("shift", &Shape::shift)
+        .def(
+            "numbers",
+            [](const Shape &shape) {
+                return nb::make_tuple(shape.gamma, shape.p, shape.lambda, shape.shift);
+            },
+            nb::sig("def numbers(self) -> tuple[float, float, float, float]"),
+            "(gamma, p, lambda, shift)")
+        .def(
+            "__eq__", [](const Shape &shape, const Shape &other) { return shape == other; },
+            nb::is_operator())
+        .def("__hash__",
+             [](const Shape &shape) {
+                 return nb::hash(nb::make_tuple(shape.gamma, shape.p, shape.lambda, shape.shift));
+             })
+        .def(
+            "__reduce__",
+            [](nb::handle self) { return nb::make_tuple(self.type(), self.attr("numbers")()); },
+            nb::sig(
+                "def __reduce__(self) -> tuple[type[Shape], tuple[float, float, float, float]]"));
 
     m.def(
         "shape_of_row",
         [](std::string_view row, std::optional<double> gamma, std::optional<double> p,
            std::optional<double> lam, std::optional<double> shift) {
             auto result = sgtd::host::shape_of_row(row, gamma, p, lam, shift);
-            return nb::make_tuple(result.shape.gamma, result.shape.p, result.shape.lambda,
-                                  result.shape.shift, result.alpha_scale);
+            return std::make_pair(result.shape, result.alpha_scale);
         },
         "row"_a, "gamma"_a = nb::none(), "p"_a = nb::none(), "lam"_a = nb::none(),
         "shift"_a = nb::none(),
-        "(gamma, p, lambda, shift, alpha_scale) of a named row of the family.");
+        "The shape of a named row of the family, and the factor on every roughness given with it.");
 
-    m.def(
-        "lowest_node",
-        [](double gamma, double p, double lam, double shift) {
-            auto node = sgtd::host::lowest_node({ gamma, p, lam, shift });
-            return nb::make_tuple(node.name, node.shape.gamma, node.shape.p, node.shape.lambda,
-                                  node.shape.shift, node.alpha_scale, node.closed_form);
-        },
-        "gamma"_a, "p"_a, "lam"_a, "shift"_a,
-        "(name, gamma, p, lambda, shift, alpha_scale, closed_form) of the node at which a shape "
-        "runs.");
+    nb::class_<Node>(m, "Node", "The node of the family's tree at which a shape runs.")
+        .def_ro("name", &Node::name)
+        .def_ro("shape", &Node::shape)
+        .def_ro("alpha_scale", &Node::alpha_scale)
+        .def_ro("closed_form", &Node::closed_form);
+    m.def("lowest_node", &sgtd::host::lowest_node, "shape"_a,
+          "The lowest node that the numbers of a shape allow.");
 
+    m.def("check_roughness", &sgtd::host::check_roughness, "alpha_u"_a, "alpha_v"_a);
     m.def(
         "first_of_wrong_length",
         [](const Array &w, double tolerance) {
@@ -109,13 +122,12 @@ NB_MODULE(_core, m) {
     nb::class_<Ndf>(m, "Ndf", "A validated shape with its tables.")
         .def_static(
             "get",
-            [](double gamma, double p, double lam, double shift, double accuracy, bool visible) {
+            [](const Shape &shape, double accuracy, bool visible) {
                 nb::gil_scoped_release unlocked;
                 // The object is shared and has no method that changes it
-                return std::const_pointer_cast<Ndf>(
-                    Ndf::get({ gamma, p, lam, shift }, accuracy, visible));
+                return std::const_pointer_cast<Ndf>(Ndf::get(shape, accuracy, visible));
             },
-            "gamma"_a, "p"_a, "lam"_a, "shift"_a, "accuracy"_a, "visible"_a = true)
+            "shape"_a, "accuracy"_a, "visible"_a = true)
         .def_prop_ro("normalization", [](const Ndf &ndf) { return ndf.tables().normalization; })
         .def_prop_ro("accuracy_reached",
                      [](const Ndf &ndf) { return ndf.tables().accuracy_reached; })
@@ -136,43 +148,18 @@ NB_MODULE(_core, m) {
             },
             "correlated"_a, "alpha_u"_a = nb::none(), "alpha_v"_a = nb::none(),
             "(bytes, error of E that was measured) of the table of what single scattering loses.")
-        .def("d", &per_direction<&Ndf::d_batch>, "alpha_u"_a, "alpha_v"_a, "m"_a)
-        .def("lambda_", &per_direction<&Ndf::lambda_batch>, "alpha_u"_a, "alpha_v"_a, "w"_a)
-        .def("g1", &per_direction<&Ndf::g1_batch>, "alpha_u"_a, "alpha_v"_a, "w"_a)
         .def(
-            "g2",
-            [](const Ndf &ndf, double alpha_u, double alpha_v, const Array &wi, const Array &wo,
-               bool correlated) {
-                return fill(wi.size() / 3, [&](Ndf::Out out) {
-                    ndf.g2_batch(alpha_u, alpha_v, in(wi), in(wo), correlated, out);
-                });
-            },
-            "alpha_u"_a, "alpha_v"_a, "wi"_a, "wo"_a, "correlated"_a)
-        .def(
-            "pdf",
-            [](const Ndf &ndf, double alpha_u, double alpha_v, const Array &wi, const Array &normal,
-               bool visible) {
-                return fill(wi.size() / 3, [&](Ndf::Out out) {
-                    ndf.pdf_batch(alpha_u, alpha_v, in(wi), in(normal), visible, out);
-                });
-            },
-            "alpha_u"_a, "alpha_v"_a, "wi"_a, "m"_a, "visible"_a)
-        .def(
-            "sample",
-            [](const Ndf &ndf, double alpha_u, double alpha_v, const Array &wi, const Array &u,
-               bool visible) {
-                Output normals(wi.size()), pdf(wi.size() / 3);
+            "eval",
+            [](const Ndf &ndf, std::string_view query, double alpha_u, double alpha_v,
+               const Array &first, std::optional<Array> second) {
+                Output result(Ndf::results_of(query, first.size()));
                 {
                     nb::gil_scoped_release unlocked;
-                    ndf.sample_batch(alpha_u, alpha_v, in(wi), in(u), visible, normals.out(),
-                                     pdf.out());
+                    Ndf::In beside = second ? in(*second) : Ndf::In{ nullptr, 0 };
+                    ndf.eval(query, alpha_u, alpha_v, in(first), beside, result.out());
                 }
-                return nb::make_tuple(normals.release(), pdf.release());
+                return result.release();
             },
-            "alpha_u"_a, "alpha_v"_a, "wi"_a, "u"_a, "visible"_a)
-        .def("profile", &per_number<&Ndf::profile_batch>, "x"_a)
-        .def("cdf", &per_number<&Ndf::cdf_batch>, "x"_a)
-        .def("sf", &per_number<&Ndf::sf_batch>, "x"_a)
-        .def("quantile", &per_number<&Ndf::quantile_batch>, "u"_a)
-        .def("isf", &per_number<&Ndf::isf_batch>, "s"_a);
+            "query"_a, "alpha_u"_a, "alpha_v"_a, "first"_a, "second"_a = nb::none(),
+            "A function of the core's table of queries over arrays, by its name.");
 }

@@ -4,17 +4,16 @@
 //! because a panic would end the process.
 #![allow(unsafe_code, missing_docs)] // cxx generates both
 
+use crate::batch::{self, Query};
 use crate::error::ParameterError;
-use crate::family::shape::{Row, Shape as CoreShape};
+use crate::family::shape::{Row, Shape};
 use crate::family::skewed_t::SkewedT;
 use crate::family::tree::Node as CoreNode;
 use crate::masking::table::ENTRIES;
 use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
-use crate::profile::Profile;
 use crate::sampling::visible_table::CELLS;
 use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use glam::DVec3;
-use rayon::prelude::*;
 
 #[cxx::bridge(namespace = "sgtd")]
 mod ffi {
@@ -33,25 +32,16 @@ mod ffi {
         value: f64,
     }
 
-    /// The shape parameters; shift is m = μ/σ.
-    #[derive(Clone, Copy)]
-    struct Shape {
-        gamma: f64,
-        p: f64,
-        lambda: f64,
-        shift: f64,
-    }
-
-    /// A row's shape, and the factor on every roughness given with it.
+    /// A row's shape, γ, p, λ and m as everywhere here, and the factor on every roughness given with it.
     struct RowShape {
-        shape: Shape,
+        shape: [f64; 4],
         alpha_scale: f64,
     }
 
     /// The node of the tree at which a shape runs: its name, its shape there, and a factor on every roughness.
     struct Node {
         name: String,
-        shape: Shape,
+        shape: [f64; 4],
         alpha_scale: f64,
         closed_form: bool,
     }
@@ -96,8 +86,9 @@ mod ffi {
         type AlbedoTable;
 
         fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape>;
-        fn lowest_node(shape: Shape) -> Result<Node>;
-        fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
+        fn lowest_node(shape: [f64; 4]) -> Result<Node>;
+        fn check_roughness(alpha_u: f64, alpha_v: f64) -> Result<()>;
+        fn new_ndf(shape: [f64; 4], accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
 
         fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable>;
         fn new_anisotropic_albedo(ndf: &Ndf, correlated: bool, alpha_u: f64, alpha_v: f64) -> Result<Box<AlbedoTable>>;
@@ -113,50 +104,25 @@ mod ffi {
         fn pdf(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, visible: bool) -> f64;
         fn sample(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, visible: bool) -> NormalSample;
 
-        fn d_batch(self: &Ndf, alpha_u: f64, alpha_v: f64, m: &[f64], out: &mut [f64]) -> Result<()>;
-        fn lambda_batch(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &[f64], out: &mut [f64]) -> Result<()>;
-        fn g1_batch(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &[f64], out: &mut [f64]) -> Result<()>;
-        fn g2_batch(
+        fn results_of(query: &str, numbers: usize) -> Result<usize>;
+        fn eval_batch(
             self: &Ndf,
+            query: &str,
             alpha_u: f64,
             alpha_v: f64,
-            wi: &[f64],
-            wo: &[f64],
-            correlated: bool,
+            first: &[f64],
+            second: &[f64],
             out: &mut [f64],
         ) -> Result<()>;
-        fn pdf_batch(
-            self: &Ndf,
-            alpha_u: f64,
-            alpha_v: f64,
-            wi: &[f64],
-            m: &[f64],
-            visible: bool,
-            out: &mut [f64],
-        ) -> Result<()>;
-        #[allow(clippy::too_many_arguments)]
-        fn sample_batch(
-            self: &Ndf,
-            alpha_u: f64,
-            alpha_v: f64,
-            wi: &[f64],
-            u: &[f64],
-            visible: bool,
-            m: &mut [f64],
-            pdf: &mut [f64],
-        ) -> Result<()>;
-        fn profile_batch(self: &Ndf, x: &[f64], out: &mut [f64]) -> Result<()>;
-        fn cdf_batch(self: &Ndf, x: &[f64], out: &mut [f64]) -> Result<()>;
-        fn sf_batch(self: &Ndf, x: &[f64], out: &mut [f64]) -> Result<()>;
-        fn quantile_batch(self: &Ndf, u: &[f64], out: &mut [f64]) -> Result<()>;
-        fn isf_batch(self: &Ndf, u: &[f64], out: &mut [f64]) -> Result<()>;
 
         fn first_of_wrong_length(w: &[f64], tolerance: f64) -> usize;
         fn first_outside(x: &[f64], low: f64, high: f64) -> usize;
+
+        fn forget_threads();
     }
 }
 
-use ffi::{AlbedoHeader, Given, Node, NormalSample, RowShape, Shape, TableHeader, Vec3};
+use ffi::{AlbedoHeader, Given, Node, NormalSample, RowShape, TableHeader, Vec3};
 
 /// The opaque object that C++ holds.
 pub struct Ndf(CoreNdf);
@@ -167,32 +133,33 @@ impl From<&Vec3> for DVec3 {
     }
 }
 
-impl From<&CoreShape> for Shape {
-    fn from(shape: &CoreShape) -> Self {
-        Self { gamma: shape.gamma(), p: shape.p(), lambda: shape.lambda(), shift: shape.shift() }
-    }
+fn packed(shape: &Shape) -> [f64; 4] {
+    [shape.gamma(), shape.p(), shape.lambda(), shape.shift()]
 }
 
 fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape, ParameterError> {
     let given = |g: Given| g.set.then_some(g.value);
     let row = Row::named(row)?;
     let shape = row.shape(given(gamma), given(p), given(lambda), given(shift))?;
-    Ok(RowShape { alpha_scale: row.alpha_scale(&shape), shape: (&shape).into() })
+    Ok(RowShape { alpha_scale: row.alpha_scale(&shape), shape: packed(&shape) })
 }
 
-fn lowest_node(shape: Shape) -> Result<Node, ParameterError> {
-    let node = CoreNode::lowest(&CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?);
+fn lowest_node([gamma, p, lambda, shift]: [f64; 4]) -> Result<Node, ParameterError> {
+    let node = CoreNode::lowest(&Shape::new(gamma, p, lambda, shift)?);
     Ok(Node {
         name: node.row.name.to_owned(),
-        shape: (&node.shape).into(),
+        shape: packed(&node.shape),
         alpha_scale: node.alpha_scale,
         closed_form: node.is_closed_form(),
     })
 }
 
-fn new_ndf(shape: Shape, accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
-    let shape = CoreShape::new(shape.gamma, shape.p, shape.lambda, shape.shift)?;
-    let profile = Box::new(SkewedT::new(shape));
+fn check_roughness(alpha_u: f64, alpha_v: f64) -> Result<(), ParameterError> {
+    Roughness::new(alpha_u, alpha_v).map(drop)
+}
+
+fn new_ndf([gamma, p, lambda, shift]: [f64; 4], accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
+    let profile = Box::new(SkewedT::new(Shape::new(gamma, p, lambda, shift)?));
     let ndf = if visible { CoreNdf::new(profile, accuracy) } else { CoreNdf::projected(profile, accuracy) };
     Ok(Box::new(Ndf(ndf?)))
 }
@@ -205,7 +172,7 @@ fn shadowing(correlated: bool) -> Shadowing {
 }
 
 fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable> {
-    Box::new(AlbedoTable(CoreAlbedoTable::isotropic(&ndf.0, shadowing(correlated))))
+    threads::run(usize::MAX, || Box::new(AlbedoTable(CoreAlbedoTable::isotropic(&ndf.0, shadowing(correlated)))))
 }
 
 fn new_anisotropic_albedo(
@@ -215,7 +182,8 @@ fn new_anisotropic_albedo(
     alpha_v: f64,
 ) -> Result<Box<AlbedoTable>, ParameterError> {
     let alpha = Roughness::new(alpha_u, alpha_v)?;
-    Ok(Box::new(AlbedoTable(CoreAlbedoTable::anisotropic(&ndf.0, shadowing(correlated), alpha))))
+    let table = || CoreAlbedoTable::anisotropic(&ndf.0, shadowing(correlated), alpha);
+    Ok(Box::new(AlbedoTable(threads::run(usize::MAX, table))))
 }
 
 impl AlbedoTable {
@@ -244,31 +212,23 @@ impl AlbedoTable {
     }
 }
 
-/// Index of the first direction whose length differs from 1 by more than `tolerance` or is not a number; their number if
-/// there is none.
 fn first_of_wrong_length(w: &[f64], tolerance: f64) -> usize {
-    first_where(w.par_chunks_exact(3), |w| !((direction(w).length() - 1.0).abs() <= tolerance))
+    threads::run(w.len() / 3, || batch::first_of_wrong_length(w, tolerance))
 }
 
-/// Index of the first number that is not in [low, high]; their number if there is none.
 fn first_outside(x: &[f64], low: f64, high: f64) -> usize {
-    first_where(x.par_iter(), |&x| !(low..=high).contains(&x))
+    threads::run(x.len(), || batch::first_outside(x, low, high))
 }
 
-fn first_where<I: IndexedParallelIterator>(items: I, wrong: impl Fn(I::Item) -> bool + Send + Sync) -> usize {
-    let count = items.len();
-    items.with_min_len(CHUNK).position_first(wrong).unwrap_or(count)
+/// How many numbers a query has to say about an array of so many.
+fn results_of(query: &str, numbers: usize) -> Result<usize, ParameterError> {
+    let query = Query::named(query)?;
+    Ok(query.results() * (numbers / query.width()))
 }
 
-/// Directions per task: large enough that the queue costs nothing, small enough to balance two cores.
-const CHUNK: usize = 1024;
-
-fn expect(name: &'static str, found: usize, expected: usize) -> Result<(), ParameterError> {
-    if found == expected { Ok(()) } else { Err(ParameterError::Length { name, found, expected }) }
-}
-
-fn direction(packed: &[f64]) -> DVec3 {
-    DVec3::new(packed[0], packed[1], packed[2])
+/// For the child of a fork, which has none of its parent's threads.
+fn forget_threads() {
+    threads::forget();
 }
 
 impl Ndf {
@@ -316,150 +276,59 @@ impl Ndf {
         NormalSample { m, pdf: sample.pdf, d_over_pdf: sample.d_over_pdf }
     }
 
-    /// One number per direction.
-    fn per_direction(
+    fn eval_batch(
         &self,
-        alpha: (f64, f64),
-        w: &[f64],
-        out: &mut [f64],
-        call: impl Fn(&CoreNdf, Roughness, DVec3) -> f64 + Sync,
-    ) -> Result<(), ParameterError> {
-        let alpha = Roughness::new(alpha.0, alpha.1)?;
-        expect("directions", w.len(), 3 * out.len())?;
-        out.par_chunks_mut(CHUNK).zip(w.par_chunks(3 * CHUNK)).for_each(|(out, w)| {
-            for (out, w) in out.iter_mut().zip(w.chunks_exact(3)) {
-                *out = call(&self.0, alpha, direction(w));
-            }
-        });
-        Ok(())
-    }
-
-    /// One number per pair of directions.
-    fn per_pair(
-        &self,
-        alpha: (f64, f64),
+        query: &str,
+        alpha_u: f64,
+        alpha_v: f64,
         first: &[f64],
         second: &[f64],
         out: &mut [f64],
-        call: impl Fn(&CoreNdf, Roughness, DVec3, DVec3) -> f64 + Sync,
     ) -> Result<(), ParameterError> {
-        let alpha = Roughness::new(alpha.0, alpha.1)?;
-        expect("wi", first.len(), 3 * out.len())?;
-        expect("second directions", second.len(), 3 * out.len())?;
-        out.par_chunks_mut(CHUNK).zip(first.par_chunks(3 * CHUNK)).zip(second.par_chunks(3 * CHUNK)).for_each(
-            |((out, first), second)| {
-                for ((out, first), second) in out.iter_mut().zip(first.chunks_exact(3)).zip(second.chunks_exact(3)) {
-                    *out = call(&self.0, alpha, direction(first), direction(second));
+        let (query, alpha) = (Query::named(query)?, Roughness::new(alpha_u, alpha_v)?);
+        threads::run(first.len() / query.width(), || query.eval(&self.0, alpha, first, second, out))
+    }
+}
+
+/// The threads that arrays and tables are computed on.
+mod threads {
+    use crate::batch::is_parallel;
+    use rayon::{ThreadPool, ThreadPoolBuilder};
+    use std::ptr;
+    use std::sync::atomic::{AtomicPtr, Ordering};
+
+    /// Rayon's own global pool does not survive a fork: the child has none of its threads, and would wait for them for ever. No lock
+    /// guards this one, because a thread that the child lacks could hold it.
+    static POOL: AtomicPtr<ThreadPool> = AtomicPtr::new(ptr::null_mut());
+
+    /// Runs `work` among the threads of this process if it has rows for more than one.
+    pub fn run<R: Send>(rows: usize, work: impl FnOnce() -> R + Send) -> R {
+        match if is_parallel(rows) { pool() } else { None } {
+            Some(pool) => pool.install(work),
+            None => work(),
+        }
+    }
+
+    /// The next [`run`] starts new threads. The old pool is left as it is: its locks may be held by threads that are gone.
+    pub fn forget() {
+        POOL.store(ptr::null_mut(), Ordering::Release);
+    }
+
+    /// None where the system grants no threads.
+    fn pool() -> Option<&'static ThreadPool> {
+        let mut found = POOL.load(Ordering::Acquire);
+        if found.is_null() {
+            let made = Box::into_raw(Box::new(ThreadPoolBuilder::new().build().ok()?));
+            found = match POOL.compare_exchange(ptr::null_mut(), made, Ordering::AcqRel, Ordering::Acquire) {
+                Ok(_) => made,
+                Err(other) => {
+                    // SAFETY: made above, and nobody else has seen it: another thread was faster
+                    drop(unsafe { Box::from_raw(made) });
+                    other
                 }
-            },
-        );
-        Ok(())
-    }
-
-    fn d_batch(&self, alpha_u: f64, alpha_v: f64, m: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_direction((alpha_u, alpha_v), m, out, CoreNdf::d)
-    }
-
-    fn lambda_batch(&self, alpha_u: f64, alpha_v: f64, w: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_direction((alpha_u, alpha_v), w, out, CoreNdf::lambda)
-    }
-
-    fn g1_batch(&self, alpha_u: f64, alpha_v: f64, w: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_direction((alpha_u, alpha_v), w, out, CoreNdf::g1)
-    }
-
-    fn g2_batch(
-        &self,
-        alpha_u: f64,
-        alpha_v: f64,
-        wi: &[f64],
-        wo: &[f64],
-        correlated: bool,
-        out: &mut [f64],
-    ) -> Result<(), ParameterError> {
-        let shadowing = shadowing(correlated);
-        self.per_pair((alpha_u, alpha_v), wi, wo, out, |ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, shadowing))
-    }
-
-    fn pdf_batch(
-        &self,
-        alpha_u: f64,
-        alpha_v: f64,
-        wi: &[f64],
-        m: &[f64],
-        visible: bool,
-        out: &mut [f64],
-    ) -> Result<(), ParameterError> {
-        self.per_pair((alpha_u, alpha_v), wi, m, out, |ndf, alpha, wi, m| {
-            if visible { ndf.pdf_visible(alpha, wi, m) } else { ndf.pdf_projected(alpha, m) }
-        })
-    }
-
-    #[allow(clippy::too_many_arguments)]
-    fn sample_batch(
-        &self,
-        alpha_u: f64,
-        alpha_v: f64,
-        wi: &[f64],
-        u: &[f64],
-        visible: bool,
-        m: &mut [f64],
-        pdf: &mut [f64],
-    ) -> Result<(), ParameterError> {
-        let alpha = Roughness::new(alpha_u, alpha_v)?;
-        expect("wi", wi.len(), 3 * pdf.len())?;
-        expect("u", u.len(), 2 * pdf.len())?;
-        expect("m", m.len(), 3 * pdf.len())?;
-        let inputs = wi.par_chunks(3 * CHUNK).zip(u.par_chunks(2 * CHUNK));
-        m.par_chunks_mut(3 * CHUNK).zip(pdf.par_chunks_mut(CHUNK)).zip(inputs).for_each(|((m, pdf), (wi, u))| {
-            let inputs = wi.chunks_exact(3).zip(u.chunks_exact(2));
-            for ((m, pdf), (wi, u)) in m.chunks_exact_mut(3).zip(pdf).zip(inputs) {
-                let sample = if visible {
-                    self.0.sample_visible(alpha, direction(wi), (u[0], u[1]))
-                } else {
-                    self.0.sample_projected(alpha, (u[0], u[1]))
-                };
-                m.copy_from_slice(&sample.m.to_array());
-                *pdf = sample.pdf;
-            }
-        });
-        Ok(())
-    }
-
-    /// One number per number.
-    fn per_number(
-        &self,
-        name: &'static str,
-        x: &[f64],
-        out: &mut [f64],
-        call: impl Fn(&dyn Profile, f64) -> f64 + Sync,
-    ) -> Result<(), ParameterError> {
-        expect(name, x.len(), out.len())?;
-        out.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).for_each(|(out, x)| {
-            for (out, &x) in out.iter_mut().zip(x) {
-                *out = call(self.0.profile(), x);
-            }
-        });
-        Ok(())
-    }
-
-    fn profile_batch(&self, x: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_number("x", x, out, |profile, x| profile.f(x))
-    }
-
-    fn cdf_batch(&self, x: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_number("x", x, out, |profile, x| profile.cdf(x))
-    }
-
-    fn sf_batch(&self, x: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_number("x", x, out, |profile, x| profile.sf(x))
-    }
-
-    fn quantile_batch(&self, u: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_number("u", u, out, |profile, u| profile.quantile(u))
-    }
-
-    fn isf_batch(&self, u: &[f64], out: &mut [f64]) -> Result<(), ParameterError> {
-        self.per_number("u", u, out, |profile, u| profile.isf(u))
+            };
+        }
+        // SAFETY: what has stood in POOL is never freed
+        Some(unsafe { &*found })
     }
 }

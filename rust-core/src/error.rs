@@ -57,6 +57,14 @@ pub enum ParameterError {
         /// The names there are, separated by commas.
         known: String,
     },
+    /// No such function over arrays.
+    #[error("function \"{given}\" is unknown: there are {known}")]
+    UnknownQuery {
+        /// What was given.
+        given: String,
+        /// The names there are, separated by commas.
+        known: String,
+    },
     /// Arrays of a batch call that do not fit each other.
     #[error("array \"{name}\" has {found} numbers, but {expected} are needed")]
     Length {

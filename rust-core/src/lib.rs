@@ -36,8 +36,9 @@
 //!
 //! # One way through the rooms
 //! [`error`] and [`numerics`] → [`profile`] (the trait) → [`family`] (this family behind it) → [`masking`] → [`sampling`] → [`ndf`] → [`scattering`]
-//! → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
+//! and [`batch`] → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
 
+pub mod batch;
 pub mod bridge;
 pub mod error;
 pub mod family;

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import published
 from .inputs import directions, normals
-from .shapes import Shape
+from .shapes import NamedShape
 
 # Below this Lambda its own relative error is not counted: G1 is within 1 % of 1 there.
 LAMBDA_FLOOR = 0.01
@@ -67,7 +67,7 @@ class MaskingErrors:
 Masking = Callable[[float, float, np.ndarray], np.ndarray]
 
 
-def masking_errors(shape: Shape, seed: int, count: int, ways: dict[str, Masking]) -> dict[str, MaskingErrors]:
+def masking_errors(shape: NamedShape, seed: int, count: int, ways: dict[str, Masking]) -> dict[str, MaskingErrors]:
     """Errors of several ways at the same arguments; the reference is computed once."""
     collected = {name: (Collector(), Collector()) for name in ways}
     for batch in directions(shape, seed, count):
@@ -84,18 +84,18 @@ def masking_errors(shape: Shape, seed: int, count: int, ways: dict[str, Masking]
     return {name: MaskingErrors(a.spread(), b.spread()) for name, (a, b) in collected.items()}
 
 
-def table_way(shape: Shape, setting: float) -> Masking:
+def table_way(shape: NamedShape, setting: float) -> Masking:
     """Lambda by the core at a setting of the dial."""
     return lambda alpha_u, alpha_v, w: shape.ndf(alpha_u, alpha_v, setting).lambda_(w)
 
 
-def published_way(shape: Shape, line: published.Line) -> Masking:
+def published_way(shape: NamedShape, line: published.Line) -> Masking:
     """Lambda by a published formula; its ``a`` is at the stretched roughness."""
     scale = shape.alpha_scale
     return lambda alpha_u, alpha_v, w: published.over_directions(line.evaluate, scale * alpha_u, scale * alpha_v, w)
 
 
-def density_errors(shape: Shape, seed: int, count: int, settings: tuple[float, ...]) -> dict[str, Spread]:
+def density_errors(shape: NamedShape, seed: int, count: int, settings: tuple[float, ...]) -> dict[str, Spread]:
     """Errors of D: of the core at each setting, and of closed forms.
 
     The reference is A f(x) / (pi alpha_u alpha_v cos^4), with f from the careful path of the core (``Ndf.profile``).
@@ -105,7 +105,7 @@ def density_errors(shape: Shape, seed: int, count: int, settings: tuple[float, .
     collected = {name: Collector() for name in [*names, *(line.name for line in lines)]}
     for batch in normals(shape, seed, count):
         exact = shape.ndf(batch.alpha_u, batch.alpha_v, 0.0)
-        u, v = exact.alpha_u, exact.alpha_v
+        u, v = shape.alpha_scale * batch.alpha_u, shape.alpha_scale * batch.alpha_v
         x, y, z = batch.w.T
         with np.errstate(all="ignore"):
             geometry = np.square(np.square(z))
@@ -136,7 +136,7 @@ class SamplingErrors:
     lost: float
 
 
-def sampling_errors(shape: Shape, seed: int, count: int, setting: float, visible: bool = True) -> SamplingErrors:
+def sampling_errors(shape: NamedShape, seed: int, count: int, setting: float, visible: bool = True) -> SamplingErrors:
     """Draws from views all over the hemisphere (random) and at its edge (hard)."""
     random = np.random.default_rng(seed + 2)
     collector = Collector()

@@ -163,11 +163,11 @@ def _serve() -> None:
 
 def _core_calls(ndf: Any, w: np.ndarray, m: np.ndarray, numbers: np.ndarray) -> dict[str, Callable[[int], Any]]:
     """The core over arrays, without the check of unit length that sgtd.Ndf makes before."""
-    core, alpha = ndf._core, (ndf.alpha_u, ndf.alpha_v)
+    core, alpha = ndf._core, ndf._stretch
     return {
-        "lambda": lambda n: core.lambda_(*alpha, w[:n]),
-        "d": lambda n: core.d(*alpha, m[:n]),
-        "sample": lambda n: core.sample(*alpha, w[:n], numbers[:n], True),
+        "lambda": lambda n: core.eval("lambda", *alpha, w[:n]),
+        "d": lambda n: core.eval("d", *alpha, m[:n]),
+        "sample": lambda n: core.eval("sample_visible", *alpha, w[:n], numbers[:n]),
     }
 
 

@@ -29,7 +29,7 @@ from ..scene.render import sensor_of, to_rgb
 from . import DEFAULT_SETTING
 from .function_timing import Timing
 from .scenes import SceneFile
-from .shapes import Shape
+from .shapes import NamedShape
 
 # Seeds of the renders at equal time, apart from those of the batches.
 _EQUAL_TIME_SEED = 10_000
@@ -122,7 +122,7 @@ class _Renderer:
 
 def study(
     file: SceneFile,
-    shape: Shape | None,
+    shape: NamedShape | None,
     settings: tuple[float, ...],
     plan: Plan,
     variant: str,

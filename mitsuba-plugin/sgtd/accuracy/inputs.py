@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .shapes import Shape
+from .shapes import NamedShape
 
 # Roughness along the tangents for random directions: common, brushed, nearly smooth.
 _RANDOM_ALPHAS = ((0.3, 0.3), (0.6, 0.06), (0.02, 0.02))
@@ -26,7 +26,7 @@ class Batch:
     w: np.ndarray
 
 
-def directions(shape: Shape, seed: int, count: int) -> Iterator[Batch]:
+def directions(shape: NamedShape, seed: int, count: int) -> Iterator[Batch]:
     """Directions above the surface for masking and sampling."""
     random = np.random.default_rng(seed)
     for alphas in _RANDOM_ALPHAS:
@@ -47,7 +47,7 @@ def of_slope(a: np.ndarray) -> np.ndarray:
     return np.stack([sin, np.zeros_like(a), a * sin], axis=1)
 
 
-def hard_slopes(shape: Shape) -> np.ndarray:
+def hard_slopes(shape: NamedShape) -> np.ndarray:
     """Arguments of masking where tables or formulas are strained.
 
     Powers of two and their neighbors in single precision (cell borders); eighteen decades in fine steps (the first
@@ -56,7 +56,7 @@ def hard_slopes(shape: Shape) -> np.ndarray:
     octaves = 2.0 ** np.arange(-30.0, 31.0)
     borders = np.concatenate([octaves * (1.0 + step * 2.0**-23) for step in (-1.0, -0.25, 0.0, 0.25, 1.0)])
     decades = np.geomspace(1e-9, 1e9, 2401)
-    kinks = [shape.shift * (1.0 + offset) for offset in (-1e-1, -1e-3, -1e-6, 0.0, 1e-6, 1e-3, 1e-1)]
+    kinks = [shape.numbers.shift * (1.0 + offset) for offset in (-1e-1, -1e-3, -1e-6, 0.0, 1e-6, 1e-3, 1e-1)]
     return np.concatenate([borders, decades, [a for a in kinks if a > 0.0]])
 
 
@@ -70,7 +70,7 @@ def edge_directions() -> np.ndarray:
     return np.concatenate([vectors, [[0.0, 0.0, 1.0]]])
 
 
-def normals(shape: Shape, seed: int, count: int) -> Iterator[Batch]:
+def normals(shape: NamedShape, seed: int, count: int) -> Iterator[Batch]:
     """Microfacet normals for D: drawn from the shape itself (random), and far out in its tail (hard)."""
     random = np.random.default_rng(seed + 1)
     for alphas in _RANDOM_ALPHAS:
@@ -79,7 +79,7 @@ def normals(shape: Shape, seed: int, count: int) -> Iterator[Batch]:
         drawn, pdf = ndf.sample(up, random.random((count // len(_RANDOM_ALPHAS), 2)), visible=False)
         yield Batch("random", *alphas, drawn[pdf > 0.0])
     slopes = 1.0 / hard_slopes(shape)
-    kinks = [shape.shift * (1.0 + offset) for offset in (-1e-3, -1e-9, 0.0, 1e-9, 1e-3) if shape.shift]
+    kinks = [shape.numbers.shift * (1.0 + offset) for offset in (-1e-3, -1e-9, 0.0, 1e-9, 1e-3) if shape.numbers.shift]
     yield Batch("hard", 1.0, 1.0, of_slope(1.0 / np.concatenate([slopes, kinks])))
     for alphas in _HARD_ALPHAS:
         yield Batch("hard", *alphas, edge_directions())

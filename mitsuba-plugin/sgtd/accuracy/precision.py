@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import mitsuba_errors
 from .function_errors import DENSITY_FLOOR, Collector, Spread
 from .inputs import uniform
-from .shapes import Shape
+from .shapes import NamedShape
 
 _ALPHA = 0.3
 # Calls one by one from Python are slow: so many suffice for a scalar variant.
@@ -31,7 +31,7 @@ class PrecisionErrors:
 
 
 def material_errors(
-    shape: Shape, seed: int, count: int, settings: tuple[float, ...], variant: str
+    shape: NamedShape, seed: int, count: int, settings: tuple[float, ...], variant: str
 ) -> dict[float, PrecisionErrors]:
     """Errors of one variant at each setting, over random pairs of directions; the variant stays set."""
     import mitsuba as mi

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from .shapes import Shape
+from .shapes import NamedShape
 
 Function = Callable[[np.ndarray], np.ndarray]
 
@@ -33,17 +33,17 @@ class Line:
     evaluate: Function
 
 
-def masking_lines(shape: Shape, orders: tuple[int, ...] = ORDERS) -> list[Line]:
+def masking_lines(shape: NamedShape, orders: tuple[int, ...] = ORDERS) -> list[Line]:
     """Ways to compute Smith's Lambda for this shape."""
     lines = []
     if shape.is_ggx:
         lines.append(Line("GGX, closed form", "Walter et al. 2007, eq. 34", ggx_lambda))
     elif shape.is_student:
         lines.append(
-            Line("closed form, incomplete beta", "own integration", lambda a: student_lambda(a, shape.gamma)),
+            Line("closed form, incomplete beta", "own integration", lambda a: student_lambda(a, shape.numbers.gamma)),
         )
     if shape.is_student and not shape.is_ggx:  # nobody needs a fit of GGX
-        fit = Line("fit of 2017", "Ribardière et al. 2017, eq. 22 to 23", lambda a: student_fit(a, shape.gamma))
+        fit = Line("fit of 2017", "Ribardière et al. 2017, eq. 22 to 23", lambda a: student_fit(a, shape.numbers.gamma))
         lines.append(fit)
     if shape.is_beckmann:
         lines.append(Line("Beckmann, closed form", "Smith 1967; Walter et al. 2007, eq. 26", beckmann_lambda))
@@ -53,14 +53,14 @@ def masking_lines(shape: Shape, orders: tuple[int, ...] = ORDERS) -> list[Line]:
     return lines
 
 
-def profile_lines(shape: Shape) -> list[Line]:
+def profile_lines(shape: NamedShape) -> list[Line]:
     """Ways to compute A f(x), the part of D that is not geometry."""
     if shape.is_beckmann:
         return [Line("Beckmann, closed form", "Walter et al. 2007, eq. 25", lambda x: np.exp(-x * x))]
     if shape.is_ggx:
         return [Line("GGX, closed form", "Walter et al. 2007, eq. 33", lambda x: 1.0 / np.square(1.0 + x * x))]
     if shape.is_student:
-        gamma = shape.gamma
+        gamma = shape.numbers.gamma
         formula = Line("closed form", "Ribardière et al. 2017", lambda x: (1.0 + x * x / (gamma - 1.0)) ** -gamma)
         return [formula]
     return []
@@ -127,7 +127,7 @@ class FixedOrder:
     H(a) = (2A/pi) int_a^inf f(rho) rho (sqrt(rho^2 - a^2) - a acos(a/rho)) drho with rho = a + t/(1-t), t in [0, 1].
     """
 
-    def __init__(self, shape: Shape, order: int) -> None:
+    def __init__(self, shape: NamedShape, order: int) -> None:
         nodes, weights = np.polynomial.legendre.leggauss(order)
         t = 0.5 * (nodes + 1.0)
         self._step = t / (1.0 - t)
@@ -150,11 +150,15 @@ class FixedOrder:
 
     def _profile(self, x: np.ndarray) -> np.ndarray:
         shape = self._shape
-        distance = x - shape.shift
-        if shape.lam:
-            distance = distance / np.where(distance > 0.0, 1.0 + shape.lam, 1.0 - shape.lam)
-        u = np.abs(distance) ** (2.0 * shape.p)
-        return np.exp(-u) if math.isinf(shape.gamma) else (1.0 + u / (shape.gamma - 1.0)) ** -shape.gamma
+        distance = x - shape.numbers.shift
+        if shape.numbers.lam:
+            distance = distance / np.where(distance > 0.0, 1.0 + shape.numbers.lam, 1.0 - shape.numbers.lam)
+        u = np.abs(distance) ** (2.0 * shape.numbers.p)
+        return (
+            np.exp(-u)
+            if math.isinf(shape.numbers.gamma)
+            else (1.0 + u / (shape.numbers.gamma - 1.0)) ** -shape.numbers.gamma
+        )
 
 
 def over_directions(line: Function, alpha_u: float, alpha_v: float, w: np.ndarray) -> np.ndarray:

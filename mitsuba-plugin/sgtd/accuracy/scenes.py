@@ -12,7 +12,7 @@ from .. import PLUGIN_DIR
 from ..errors import UserError, mitsuba_errors
 from ..scene.exchange import PARTNERS, exchange
 from ..scene.graph import SceneGraph, read_scene
-from .shapes import Shape, make_shape
+from .shapes import NamedShape, make_shape
 
 # The scenes of the default report: highlights from a distance, and a floor seen along its length.
 DEFAULT_SCENES = ("spheres.xml", "grazing.xml")
@@ -40,7 +40,7 @@ class SceneFile:
     def name(self) -> str:
         return self.path.stem
 
-    def build(self, shape: Shape | None, setting: float, visible: bool = True) -> Any:
+    def build(self, shape: NamedShape | None, setting: float, visible: bool = True) -> Any:
         """The scene with all rough materials of this shape (None: as in the file) at this setting."""
         settings = dict(shape.settings) if shape else {}
         pair = exchange(self.graph, settings)
@@ -99,9 +99,9 @@ def has_own_shapes(scene: SceneFile) -> bool:
     return any(True for _ in _materials(scene.graph))
 
 
-def own_shapes(scene: SceneFile) -> list[Shape]:
+def own_shapes(scene: SceneFile) -> list[NamedShape]:
     """The shapes that a scene's own sgtdconductors and sgtddielectrics have, as far as their parameters are numbers."""
-    found: dict[str, Shape] = {}
+    found: dict[str, NamedShape] = {}
     for node in _materials(scene.graph):
         with mitsuba_errors(scene.graph.place(node)):
             shape = _shape_of(node.props)
@@ -110,7 +110,7 @@ def own_shapes(scene: SceneFile) -> list[Shape]:
     return list(found.values())[:_MOST_OWN_SHAPES]
 
 
-def _shape_of(props: Any) -> Shape | None:
+def _shape_of(props: Any) -> NamedShape | None:
     row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
     values = {name: props[name] for name in ("gamma", "p", "lambda", "shift", "mu") if name in props}
     if not all(isinstance(value, (int, float)) for value in values.values()):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import _core
+from .._core import Shape
 from ..errors import UserError
 from ..ndf import Ndf
 from ..scene.exchange import parse_settings
@@ -23,34 +24,31 @@ CLASSICS = ("ggx", "beckmann")
 
 
 @dataclass(frozen=True)
-class Shape:
-    """One shape: ``text`` as the user would write it, ``settings`` as the plugin reads them."""
+class NamedShape:
+    """One shape: ``text`` as the user would write it, ``settings`` as the plugin reads them, and its numbers."""
 
     text: str
     settings: tuple[tuple[str, Any], ...]
-    gamma: float
-    p: float
-    lam: float
-    shift: float
+    numbers: Shape
     alpha_scale: float
 
     def ndf(self, alpha_u: float, alpha_v: float, accuracy: float) -> Ndf:
         """The array interface at a roughness of the plugin's ``alpha``."""
-        scale = self.alpha_scale
-        return Ndf(self.gamma, self.p, self.lam, self.shift, scale * alpha_u, scale * alpha_v, accuracy)
+        arguments = {"lam" if name == "lambda" else name: value for name, value in self.settings}
+        return Ndf(**arguments, alpha_u=alpha_u, alpha_v=alpha_v, accuracy=accuracy)
 
     @property
     def is_student(self) -> bool:
         """Student's distribution: where closed forms and the fit of 2017 hold."""
-        return self.p == 1.0 and self.lam == 0.0 and self.shift == 0.0 and math.isfinite(self.gamma)
+        return self.numbers.numbers()[1:] == (1.0, 0.0, 0.0) and math.isfinite(self.numbers.gamma)
 
     @property
     def is_ggx(self) -> bool:
-        return self.is_student and self.gamma == 2.0
+        return self.numbers == Shape(2.0, 1.0, 0.0, 0.0)
 
     @property
     def is_beckmann(self) -> bool:
-        return math.isinf(self.gamma) and self.p == 1.0 and self.lam == 0.0 and self.shift == 0.0
+        return self.numbers == Shape(math.inf, 1.0, 0.0, 0.0)
 
     @property
     def slug(self) -> str:
@@ -66,7 +64,7 @@ class Shape:
         return ", ".join([head, *(part.replace("=", " = ") for part in rest.split(",") if part)])
 
 
-def parse_shape(text: str) -> Shape:
+def parse_shape(text: str) -> NamedShape:
     """Reads ``row`` or ``row:gamma=1.6,p=1``; a value out of range is refused in the core's words."""
     row, colon, rest = text.partition(":")
     if not row or (colon and not rest):
@@ -78,14 +76,14 @@ def parse_shape(text: str) -> Shape:
     return make_shape(row.strip().lower(), settings)
 
 
-def make_shape(row: str, settings: dict[str, Any]) -> Shape:
+def make_shape(row: str, settings: dict[str, Any]) -> NamedShape:
     """A row with parameters by their names in the plugin."""
     values = [settings.get(name) for name in _PARAMETERS]
     listing = ",".join(f"{name}={value:g}" for name, value in zip(_PARAMETERS, values) if value is not None)
     text = f"{row}:{listing}" if listing else row
     try:
-        gamma, p, lam, shift, alpha_scale = _core.shape_of_row(row, *values)
+        numbers, alpha_scale = _core.shape_of_row(row, *values)
     except ValueError as error:
         raise UserError(f"--shape {text}: {error}") from error
     given = tuple((name, value) for name, value in zip(_PARAMETERS, values) if value is not None)
-    return Shape(text, (("distribution", row), *given), gamma, p, lam, shift, alpha_scale)
+    return NamedShape(text, (("distribution", row), *given), numbers, alpha_scale)

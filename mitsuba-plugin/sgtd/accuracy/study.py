@@ -25,7 +25,7 @@ from .function_errors import (
     table_way,
 )
 from .precision import PrecisionErrors, material_errors
-from .shapes import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, Shape, parse_shape
+from .shapes import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, NamedShape, parse_shape
 
 # Gets the name of a step and its length, and returns the call that advances it.
 Steps = Callable[[str, int], Callable[[int], None]]
@@ -55,7 +55,7 @@ QUICK = Effort(QUICK_SETTINGS, (16, 64), 3_000, 3, 1_500, 3, 2, 4, 2, 1.0)
 class FunctionStudy:
     """One shape, as functions. Keys of the dictionaries are settings as text ("1e-05"), or names of formulas."""
 
-    shape: Shape
+    shape: NamedShape
     masking: dict[str, MaskingErrors]
     density: dict[str, Spread]
     sampling: dict[str, SamplingErrors]
@@ -113,9 +113,9 @@ def run(
 
     measured = list(shapes)
     if not quick:
-        known = {(shape.gamma, shape.p, shape.lam, shape.shift) for shape in shapes}
+        known = {shape.numbers for shape in shapes}
         classics = [parse_shape(name) for name in CLASSICS]
-        measured += [c for c in classics if (c.gamma, c.p, c.lam, c.shift) not in known]
+        measured += [c for c in classics if c.numbers not in known]
 
     advance = steps("errors", len(measured) * 3)
     functions = [_functions(shape, effort, seed, variants, advance) for shape in measured]
@@ -147,7 +147,7 @@ def run(
 
 def _shapes(
     texts: tuple[str, ...], users_scenes: bool, loaded: dict[Path, scenes.SceneFile], quick: bool
-) -> tuple[list[Shape], list[tuple[Path, Shape | None]]]:
+) -> tuple[list[NamedShape], list[tuple[Path, NamedShape | None]]]:
     """The shapes to measure as functions, and the pairs of scene and shape to render.
 
     Without --shape, a scene of the user's that has sgtdconductor already keeps its own shapes.
@@ -157,8 +157,8 @@ def _shapes(
         shapes = asked or [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
         return shapes, [(path, shape) for path in loaded for shape in shapes]
     defaults = [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
-    shapes: dict[str, Shape] = {}
-    plan: list[tuple[Path, Shape | None]] = []
+    shapes: dict[str, NamedShape] = {}
+    plan: list[tuple[Path, NamedShape | None]] = []
     for path, file in loaded.items():
         keeps = scenes.has_own_shapes(file)
         plan += [(path, None)] if keeps else [(path, shape) for shape in defaults]
@@ -167,7 +167,7 @@ def _shapes(
 
 
 def _functions(
-    shape: Shape, effort: Effort, seed: int, variants: tuple[str, ...], advance: Callable[[int], None]
+    shape: NamedShape, effort: Effort, seed: int, variants: tuple[str, ...], advance: Callable[[int], None]
 ) -> FunctionStudy:
     ways = {str(setting): table_way(shape, setting) for setting in effort.settings}
     ways |= {line.name: published_way(shape, line) for line in published.masking_lines(shape, effort.orders)}
@@ -186,7 +186,7 @@ def _functions(
 
 
 def _images(
-    plan: list[tuple[Path, Shape | None]],
+    plan: list[tuple[Path, NamedShape | None]],
     variants: tuple[str, ...],
     parameters: dict[str, str],
     effort: Effort,
@@ -209,7 +209,7 @@ def _images(
 
 
 def _costs(
-    shapes: list[Shape], settings: tuple[float, ...], clock: function_timing.FunctionTimes
+    shapes: list[NamedShape], settings: tuple[float, ...], clock: function_timing.FunctionTimes
 ) -> dict[float, advice.Cost]:
     costs = {}
     for setting in settings:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from .. import _core
-from .material import Material, Shape
+from .._core import Shape
+from .material import Material
 
 # A neighbor is proposed where no share of slopes changes by more than this.
 _NEAR = 0.005
@@ -89,10 +90,10 @@ def _joins(kinds: dict[tuple[object, ...], list[Material]]) -> list[str]:
 
 def greatest_change(a: Shape, b: Shape) -> float:
     """The largest difference of the share of slopes above any slope, at equal roughness."""
-    ndf, other = (_core.Ndf.get(*shape.numbers(), 1e-2) for shape in (a, b))
+    ndf, other = (_core.Ndf.get(shape, 1e-2) for shape in (a, b))
     x = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 400), a.shift + np.linspace(-3.0, 3.0, 200)])
     x = np.ascontiguousarray(x[x >= 0.0])
-    return float(np.abs(ndf.sf(x) - other.sf(x)).max())
+    return float(np.abs(ndf.eval("sf", 1.0, 1.0, x) - other.eval("sf", 1.0, 1.0, x)).max())
 
 
 def _near_ggx(material: Material) -> str:
@@ -116,7 +117,7 @@ def _less_steep(material: Material) -> str:
     shape, limit = material.node_shape, _core.steep
 
     def steepness(p: float, shift: float) -> float:
-        return _core.Ndf.get(shape.gamma, p, shape.lam, shift, 1e-2).steepness
+        return _core.Ndf.get(Shape(shape.gamma, p, shape.lam, shift), 1e-2).steepness
 
     for name, value, at in (
         ("p", shape.p, lambda x: steepness(x, shape.shift)),

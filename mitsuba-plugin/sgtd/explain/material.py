@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import _core
+from .._core import Shape
 from ..errors import UserError
 from ..scene.exchange import NUMBERS
 from ..scene.graph import SceneGraph
@@ -22,27 +23,11 @@ DEFAULTS: Mapping[str, Any] = {
     "alpha": 0.1,
     "masking": "separable",
     "sample_visible": True,
-    "accuracy": 1e-5,
+    "accuracy": _core.default_accuracy,
 }
 
 # A table is built so often; the median is told.
 _BUILDS = 3
-
-
-@dataclass(frozen=True)
-class Shape:
-    """The four numbers of a shape."""
-
-    gamma: float
-    p: float
-    lam: float
-    shift: float
-
-    def words(self) -> str:
-        return f"gamma = {self.gamma:g}, p = {self.p:g}, lambda = {self.lam:g}, shift = {self.shift:g}"
-
-    def numbers(self) -> tuple[float, float, float, float]:
-        return self.gamma, self.p, self.lam, self.shift
 
 
 @dataclass(frozen=True)
@@ -134,9 +119,9 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     except (TypeError, ValueError) as error:
         raise UserError(f"{place}: {error}") from error
 
-    name, *numbers, node_scale, closed = _core.lowest_node(*shape.numbers())
-    reduced = Shape(*numbers)
-    builtin = "ggx" if closed else "beckmann" if row == "beckmann" and reduced.shift == 0.0 else ""
+    node_of_tree = _core.lowest_node(shape)
+    reduced, node_scale = node_of_tree.shape, node_of_tree.alpha_scale
+    builtin = "ggx" if node_of_tree.closed_form else "beckmann" if row == "beckmann" and reduced.shift == 0.0 else ""
     accuracy = float(values.get("accuracy", DEFAULTS["accuracy"]))
     visible = bool(values.get("sample_visible", DEFAULTS["sample_visible"]))
     anisotropic = "alpha_u" in values
@@ -157,11 +142,11 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
         objects=objects,
         defaulted=tuple(key for key in DEFAULTS if key not in values and not (key == "alpha" and anisotropic)),
         shape=shape,
-        node=name,
+        node=node_of_tree.name,
         node_shape=reduced,
         alpha_scale=scale * node_scale,
         builtin=builtin,
-        why=_why(row, shape, name, reduced, builtin, node_scale),
+        why=_why(row, shape, node_of_tree.name, reduced, builtin, node_scale),
         effects=_effects(shape, values, visible, anisotropic, textured, tables),
         accuracy_asked=accuracy,
         tables=tables,
@@ -173,20 +158,19 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
 
 def _resolve(row: str, given: dict[str, float], values: Mapping[str, Any]) -> tuple[Shape, float]:
     """The shape and the factor on the roughness, as the plugin finds them."""
-    arguments = [given.get(name) for name in ("gamma", "p", "lambda")]
+    gamma, p, lam = (given.get(name) for name in ("gamma", "p", "lambda"))
     shift = given.get("shift")
     if "mu" in given:
-        scale = _core.shape_of_row(row, *arguments, None)[4]
-        shift = given["mu"] / max(float(values.get("alpha", DEFAULTS["alpha"])) * scale, 1e-4)
-    *numbers, scale = _core.shape_of_row(row, *arguments, shift)
-    return Shape(*numbers), scale
+        _, scale = _core.shape_of_row(row, gamma, p, lam)
+        shift = given["mu"] / max(float(values.get("alpha", DEFAULTS["alpha"])) * scale, _core.least_alpha)
+    return _core.shape_of_row(row, gamma, p, lam, shift)
 
 
 def _tables(shape: Shape, accuracy: float, visible: bool) -> Tables:
     seconds = []
     for _ in range(_BUILDS):
         start = time.perf_counter()
-        ndf = _core.Ndf.get(*shape.numbers(), _asked_of_core(accuracy), visible)
+        ndf = _core.Ndf.get(shape, _asked_of_core(accuracy), visible)
         seconds.append(time.perf_counter() - start)
         tables = Tables(ndf.table_bytes, 0.0, ndf.accuracy_reached, ndf.steepness)
         # tables without a user are dropped, so the next turn builds them again
@@ -200,8 +184,8 @@ def _losses(
     """As the plugin makes it: for one pair of roughnesses, or for every isotropic one."""
     if not values.get("multiple_scattering", False):
         return None
-    ndf = _core.Ndf.get(*shape.numbers(), 1e-5 if builtin else _asked_of_core(accuracy), False)
-    pair = [max(float(values.get(key, DEFAULTS["alpha"])) * scale, 1e-4) for key in ("alpha_u", "alpha_v")
+    ndf = _core.Ndf.get(shape, _core.default_accuracy if builtin else _asked_of_core(accuracy), False)
+    pair = [max(float(values.get(key, DEFAULTS["alpha"])) * scale, _core.least_alpha) for key in ("alpha_u", "alpha_v")
             if key in values and key not in objects]  # fmt: skip
     correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
     return Losses(*(ndf.losses(correlated, *pair) if len(pair) == 2 else ndf.losses(correlated)))

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from .._core import Shape
 from ..scene.exchange import ORIGINALS
 from ..scene.graph import SceneGraph
 from .advice import advise, advise_scene
@@ -131,7 +132,7 @@ def _material(entry: Explained) -> dict[str, Any]:
         "distribution": material.row,
         "properties": dict(material.properties),
         "defaults": list(material.defaulted),
-        "shape": _numbers(asdict(material.shape)),
+        "shape": _numbers(dict(zip(("gamma", "p", "lam", "shift"), material.shape.numbers()))),
         "node": material.node,
         "shifted": material.node_shape.shift > 0.0,
         "code": material.builtin or "tables",
@@ -181,7 +182,7 @@ def _lines(entry: Explained) -> list[tuple[str, str]]:
     defaults = ", ".join(material.defaulted)
     lines = [
         ("written", f"{written or 'nothing'} (by default: {defaults})" if defaults else written),
-        ("shape", material.shape.words()),
+        ("shape", _words(material.shape)),
         ("runs at", _node(material)),
         ("because", material.why),
         ("on", "; ".join(f"{e.name} ({e.words})" for e in material.effects if e.on) or "nothing"),
@@ -201,6 +202,10 @@ def _lines(entry: Explained) -> list[tuple[str, str]]:
     lines.append(("cost", "\n".join(cost.words() for cost in entry.costs) or "not measured"))
     lines.append(("cheaper", "\n".join(entry.advice) or "nothing"))
     return lines
+
+
+def _words(shape: Shape) -> str:
+    return f"gamma = {shape.gamma:g}, p = {shape.p:g}, lambda = {shape.lam:g}, shift = {shape.shift:g}"
 
 
 def _node(material: Material) -> str:
