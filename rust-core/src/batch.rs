@@ -3,41 +3,108 @@
 //! A new function for arrays is one line in [`QUERIES`]. Everything above (the bridge, the Python module) asks by name.
 
 use crate::error::ParameterError;
-use crate::ndf::{Ndf, NormalSample, Roughness, Shadowing};
+use crate::ndf::{Ndf, Roughness, Shadowing};
 use crate::profile::Profile;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// One function, by what a row of its arguments is.
-pub enum Query {
-    /// Of a number: a stretched radial slope, or a probability. The roughness does not matter.
-    Number(fn(&dyn Profile, f64) -> f64),
-    /// Of a direction.
-    Direction(fn(&Ndf, Roughness, DVec3) -> f64),
-    /// Of two directions.
-    Pair(fn(&Ndf, Roughness, DVec3, DVec3) -> f64),
-    /// Of a direction and two random numbers; the results are all normals, then all densities.
-    Sample(fn(&Ndf, Roughness, DVec3, (f64, f64)) -> NormalSample),
+/// Some rows: the distribution, its roughness, two arrays of arguments, two of results.
+type Rows = fn(&Ndf, Roughness, &[f64], &[f64], &mut [f64], &mut [f64]);
+
+/// One function, by what a row of its arguments and results is. The loop over rows is compiled with the function inside: an indirect
+/// call for each row takes longer than G1 itself.
+pub struct Query {
+    name: &'static str,
+    /// numbers per row in the two arrays of arguments
+    arguments: (usize, usize),
+    /// numbers per row in the two arrays of results
+    results: (usize, usize),
+    rows: Rows,
 }
 
-use Query::{Direction, Number, Pair, Sample};
+/// A function of a number, a stretched radial slope or a probability: `|profile, x|`.
+macro_rules! number {
+    ($name:literal, $call:expr) => {
+        Query {
+            name: $name,
+            arguments: (1, 0),
+            results: (1, 0),
+            rows: |ndf, _, x, _, out, _| {
+                for (out, &x) in out.iter_mut().zip(x) {
+                    *out = $call(ndf.profile(), x);
+                }
+            },
+        }
+    };
+}
 
-/// Every function by its name.
-pub const QUERIES: [(&str, Query); 14] = [
-    ("profile", Number(|profile, x| profile.f(x))),
-    ("cdf", Number(|profile, x| profile.cdf(x))),
-    ("sf", Number(|profile, x| profile.sf(x))),
-    ("quantile", Number(|profile, u| profile.quantile(u))),
-    ("isf", Number(|profile, s| profile.isf(s))),
-    ("d", Direction(Ndf::d)),
-    ("lambda", Direction(Ndf::lambda)),
-    ("g1", Direction(Ndf::g1)),
-    ("g2_separable", Pair(|ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, Shadowing::Separable))),
-    ("g2_height_correlated", Pair(|ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, Shadowing::HeightCorrelated))),
-    ("pdf_visible", Pair(Ndf::pdf_visible)),
-    ("pdf_projected", Pair(|ndf, alpha, _, m| ndf.pdf_projected(alpha, m))),
-    ("sample_visible", Sample(Ndf::sample_visible)),
-    ("sample_projected", Sample(|ndf, alpha, _, u| ndf.sample_projected(alpha, u))),
+/// A function of a direction: `|ndf, alpha, w|`.
+macro_rules! direction {
+    ($name:literal, $call:expr) => {
+        Query {
+            name: $name,
+            arguments: (3, 0),
+            results: (1, 0),
+            rows: |ndf, alpha, w, _, out, _| {
+                for (out, w) in out.iter_mut().zip(w.chunks_exact(3)) {
+                    *out = $call(ndf, alpha, DVec3::from_slice(w));
+                }
+            },
+        }
+    };
+}
+
+/// A function of two directions: `|ndf, alpha, first, second|`.
+macro_rules! pair {
+    ($name:literal, $call:expr) => {
+        Query {
+            name: $name,
+            arguments: (3, 3),
+            results: (1, 0),
+            rows: |ndf, alpha, first, second, out, _| {
+                for ((out, a), b) in out.iter_mut().zip(first.chunks_exact(3)).zip(second.chunks_exact(3)) {
+                    *out = $call(ndf, alpha, DVec3::from_slice(a), DVec3::from_slice(b));
+                }
+            },
+        }
+    };
+}
+
+/// A sampler, from a direction and two random numbers to a normal and its density: `|ndf, alpha, wi, u|`.
+macro_rules! sampler {
+    ($name:literal, $call:expr) => {
+        Query {
+            name: $name,
+            arguments: (3, 2),
+            results: (3, 1),
+            rows: |ndf, alpha, wi, u, normals, densities| {
+                let arguments = wi.chunks_exact(3).zip(u.chunks_exact(2));
+                for ((m, pdf), (wi, u)) in normals.chunks_exact_mut(3).zip(densities).zip(arguments) {
+                    let sample = $call(ndf, alpha, DVec3::from_slice(wi), (u[0], u[1]));
+                    m.copy_from_slice(&sample.m.to_array());
+                    *pdf = sample.pdf;
+                }
+            },
+        }
+    };
+}
+
+/// Every function.
+pub const QUERIES: &[Query] = &[
+    number!("profile", |profile: &dyn Profile, x| profile.f(x)),
+    number!("cdf", |profile: &dyn Profile, x| profile.cdf(x)),
+    number!("sf", |profile: &dyn Profile, x| profile.sf(x)),
+    number!("quantile", |profile: &dyn Profile, u| profile.quantile(u)),
+    number!("isf", |profile: &dyn Profile, s| profile.isf(s)),
+    direction!("d", Ndf::d),
+    direction!("lambda", Ndf::lambda),
+    direction!("g1", Ndf::g1),
+    pair!("g2_separable", |ndf: &Ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, Shadowing::Separable)),
+    pair!("g2_height_correlated", |ndf: &Ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, Shadowing::HeightCorrelated)),
+    pair!("pdf_visible", Ndf::pdf_visible),
+    pair!("pdf_projected", |ndf: &Ndf, alpha, _, m| ndf.pdf_projected(alpha, m)),
+    sampler!("sample_visible", Ndf::sample_visible),
+    sampler!("sample_projected", |ndf: &Ndf, alpha, _, u| ndf.sample_projected(alpha, u)),
 ];
 
 /// Rows per task: large enough that the queue costs nothing, small enough to balance two cores.
@@ -54,39 +121,24 @@ impl Query {
     /// # Errors
     /// Lists the names there are.
     pub fn named(name: &str) -> Result<&'static Query, ParameterError> {
-        const TABLE: &[(&str, Query)] = &QUERIES;
-        TABLE.iter().find(|entry| entry.0 == name).map(|entry| &entry.1).ok_or_else(|| ParameterError::UnknownQuery {
+        QUERIES.iter().find(|query| query.name == name).ok_or_else(|| ParameterError::UnknownQuery {
             given: name.to_owned(),
-            known: TABLE.iter().map(|entry| entry.0).collect::<Vec<_>>().join(", "),
+            known: QUERIES.iter().map(|query| query.name).collect::<Vec<_>>().join(", "),
         })
     }
 
     /// Numbers per row of the first array.
     pub fn width(&self) -> usize {
-        match self {
-            Number(_) => 1,
-            Direction(_) | Pair(_) | Sample(_) => 3,
-        }
-    }
-
-    /// Numbers per row of the second array.
-    fn width_beside(&self) -> usize {
-        match self {
-            Number(_) | Direction(_) => 0,
-            Pair(_) => 3,
-            Sample(_) => 2,
-        }
+        self.arguments.0
     }
 
     /// Numbers per row of the results.
     pub fn results(&self) -> usize {
-        match self {
-            Number(_) | Direction(_) | Pair(_) => 1,
-            Sample(_) => 4,
-        }
+        self.results.0 + self.results.1
     }
 
-    /// Runs the function over all rows, on the threads of the rayon pool that this is called in.
+    /// Runs the function over all rows, on the threads of the rayon pool that this is called in. `out` has the first result of all
+    /// rows, then the second one.
     ///
     /// # Errors
     /// An array whose length does not fit the first one's.
@@ -98,56 +150,34 @@ impl Query {
         second: &[f64],
         out: &mut [f64],
     ) -> Result<(), ParameterError> {
-        let rows = first.len() / self.width();
+        let (a, b) = self.arguments;
+        let (c, d) = self.results;
+        let rows = first.len() / a;
         for (name, found, expected) in [
-            ("first", first.len(), self.width() * rows),
-            ("second", second.len(), self.width_beside() * rows),
-            ("results", out.len(), self.results() * rows),
+            ("first", first.len(), a * rows),
+            ("second", second.len(), b * rows),
+            ("results", out.len(), (c + d) * rows),
         ] {
             if found != expected {
                 return Err(ParameterError::Length { name, found, expected });
             }
         }
-        match self {
-            Number(call) => {
-                let profile = ndf.profile();
-                per_row(out, |row| call(profile, first[row]));
-            }
-            Direction(call) => per_row(out, |row| call(ndf, alpha, direction(first, row))),
-            Pair(call) => per_row(out, |row| call(ndf, alpha, direction(first, row), direction(second, row))),
-            Sample(call) => {
-                let (normals, densities) = out.split_at_mut(3 * rows);
-                per_row_of_two(normals, densities, |row| {
-                    let sample = call(ndf, alpha, direction(first, row), (second[2 * row], second[2 * row + 1]));
-                    (sample.m, sample.pdf)
-                });
-            }
+        let (left, right) = out.split_at_mut(c * rows);
+        if !is_parallel(rows) {
+            (self.rows)(ndf, alpha, first, second, left, right);
+            return Ok(());
+        }
+        let part = |width: usize, task: usize| CHUNK * width * task..(CHUNK * (task + 1)).min(rows) * width;
+        let run = |task: usize, left: &mut [f64], right: &mut [f64]| {
+            (self.rows)(ndf, alpha, &first[part(a, task)], &second[part(b, task)], left, right);
+        };
+        let tasks = left.par_chunks_mut(CHUNK * c).enumerate();
+        if d == 0 {
+            tasks.for_each(|(task, left)| run(task, left, &mut []));
+        } else {
+            tasks.zip(right.par_chunks_mut(CHUNK * d)).for_each(|((task, left), right)| run(task, left, right));
         }
         Ok(())
-    }
-}
-
-fn per_row(out: &mut [f64], call: impl Fn(usize) -> f64 + Sync) {
-    let task = |(start, out): (usize, &mut [f64])| {
-        for (offset, result) in out.iter_mut().enumerate() {
-            *result = call(CHUNK * start + offset);
-        }
-    };
-    if is_parallel(out.len()) { out.par_chunks_mut(CHUNK).enumerate().for_each(task) } else { task((0, out)) }
-}
-
-fn per_row_of_two(vectors: &mut [f64], numbers: &mut [f64], call: impl Fn(usize) -> (DVec3, f64) + Sync) {
-    let task = |(start, (vectors, numbers)): (usize, (&mut [f64], &mut [f64]))| {
-        for (offset, (vector, number)) in vectors.chunks_exact_mut(3).zip(numbers).enumerate() {
-            let (result, beside) = call(CHUNK * start + offset);
-            vector.copy_from_slice(&result.to_array());
-            *number = beside;
-        }
-    };
-    if is_parallel(numbers.len()) {
-        vectors.par_chunks_mut(3 * CHUNK).zip(numbers.par_chunks_mut(CHUNK)).enumerate().for_each(task);
-    } else {
-        task((0, (vectors, numbers)));
     }
 }
 
