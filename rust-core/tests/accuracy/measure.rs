@@ -95,12 +95,17 @@ fn shapes(what: &str) -> Vec<(Source, Case)> {
 
 /// Runs `measure` on every shape, in parallel; the number is different for every shape.
 fn over_shapes(what: &str, measure: impl Fn(&mut Record, Source, Case, u64) + Sync) -> Record {
-    shapes(what)
+    let shapes = (0..).zip(shapes(what)).collect();
+    over(shapes, |record, (index, (source, case))| measure(record, source, case, index))
+}
+
+/// Runs `measure` on every input, in parallel.
+fn over<T: Send>(inputs: Vec<T>, measure: impl Fn(&mut Record, T) + Sync) -> Record {
+    inputs
         .into_par_iter()
-        .enumerate()
-        .map(|(index, (source, case))| {
+        .map(|input| {
             let mut record = Record::default();
-            measure(&mut record, source, case, index as u64);
+            measure(&mut record, input);
             record
         })
         .reduce(Record::default, Record::merge)
