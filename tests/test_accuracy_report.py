@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 from sgtd import cli
-from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published
+from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published, tables
 from sgtd.accuracy.function_timing import Timing
 from sgtd.accuracy.images import ImageRow
 from sgtd.accuracy.shapes import make_shape, parse_shape
@@ -57,12 +57,18 @@ def run(*arguments: object) -> int:
     return end.value.code or 0
 
 
+# What the run below measured
+STUDIES: list = []
+
+
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
     """One quick run, shared by the tests."""
     folder = tmp_path_factory.mktemp("accuracy")
     scene = write_scene(folder, ROUGH)
-    status = run("--shape", SHAPE, "--scene", scene, "--variant", "scalar_rgb", "-o", folder / "out", "--seed", 5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tables, "print_tables", lambda study, _: STUDIES.append(study))
+        status = run("--shape", SHAPE, "--scene", scene, "--variant", "scalar_rgb", "-o", folder / "out", "--seed", 5)
     assert status == 0
     return folder / "out"
 
@@ -209,6 +215,81 @@ def test_page_stands_alone(report):
     assert page.viewport
     assert page.loaded and all(value.startswith("data:image/") for value in page.loaded)
     assert not re.search(r"https?:|@import|url\(|<script", text)
+
+
+class _Tables(HTMLParser):
+    """The tables of the page as rows of (text, bold, columns)."""
+
+    def __init__(self):
+        super().__init__()
+        self.tables, self.cell, self.bold = [], None, False
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append([])
+            self.bold = "default" in (values.get("class") or "")
+        if tag in ("td", "th"):
+            self.cell = ["", tag == "th" or self.bold, int(values.get("colspan", 1))]
+        if tag == "br" and self.cell:
+            self.cell[0] += "\n"
+
+    def handle_endtag(self, tag):
+        if tag in ("td", "th"):
+            self.tables[-1][-1].append(self.cell)
+            self.cell = None
+
+    def handle_data(self, data):
+        if self.cell:
+            self.cell[0] += data
+
+
+def test_tables_fit_a_desk_of_1280_pixels(report):
+    """In DejaVu Sans, the widest of the page's fonts; at 1280 pixels the last column was cut off."""
+    import matplotlib
+    from PIL import ImageFont
+
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    widths = [ImageFont.truetype(str(fonts / f"DejaVuSans{kind}.ttf"), 14).getlength for kind in ("", "-Bold")]
+    text = (report / "report.html").read_text(encoding="utf-8")
+    padding = 16 * float(re.search(r"th, td { padding: [\d.]+rem ([\d.]+)rem", text)[1])
+    assert 16 * float(re.search(r"max-width: ([\d.]+)rem; background", text)[1]) >= 1280
+    page = _Tables()
+    page.feed(text)
+    for table in page.tables:
+        columns = [0.0] * max(sum(span for *_, span in row) for row in table)
+        for row in table:
+            place = 0
+            for words, bold, span in row:
+                if span == 1:
+                    lines = [widths[bold](line.strip()) for line in words.split("\n")]
+                    columns[place] = max(columns[place], *lines)
+                place += span
+        assert sum(columns) + 2 * padding * len(columns) < 1280 - 2 * 16 - 17  # margins and a scroll bar
+
+
+def test_no_plot_is_shown_twice(report):
+    text = (report / "report.html").read_text(encoding="utf-8")
+    plots = re.findall(r'src="(data:image/svg[^"]+)"', text)
+    assert len(plots) == len(set(plots)) >= 3
+
+
+def test_a_quick_run_recommends_nothing(report, numbers):
+    assert numbers["text"].startswith("A quick run shows that everything works here, and measures too little")
+    assert "should be" not in numbers["text"]
+
+
+@pytest.mark.parametrize("columns", [60, 100])
+def test_tables_fit_the_terminal(report, columns):
+    from rich.console import Console
+
+    console = Console(width=columns, record=True)
+    tables.print_tables(STUDIES[0], console)
+    table = console.export_text().split(f"{SHAPE}:")[0]
+    assert "…" not in table
+    assert max(map(len, table.splitlines())) <= columns
 
 
 def test_scene_keeps_its_own_shapes(tmp_path):

@@ -179,6 +179,9 @@ def print_findings(findings: tuple[Finding, ...], console: Any) -> None:
 
     marks = {"ok": "[green]ok[/]", "off": "[dim]off[/]", "bad": "[bold red]bad[/]"}
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column()
+    table.add_column()
+    table.add_column(overflow="fold")  # paths are copied from here
     for finding in findings:
         table.add_row(marks[finding.state], finding.subject, escape(finding.text))
     console.print(table)

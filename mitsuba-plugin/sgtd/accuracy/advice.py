@@ -71,6 +71,15 @@ class Cost:
     build_ms: float
 
 
+def sentence_of_a_quick_run(advices: list[Advice]) -> str:
+    """A quick run has a few settings, samples and small images: what passes there is no recommendation."""
+    passed = [f"{one.shape}: {'none' if one.all_of_them is None else setting_text(one.all_of_them)}" for one in advices]
+    return (
+        "A quick run shows that everything works here, and measures too little to say which setting is enough. "
+        f"Its few pixels passed all tests from these settings on: {'; '.join(passed)}. Run it without --quick for an answer."
+    )
+
+
 def sentence(advices: list[Advice], costs: dict[float, Cost]) -> str:
     """What the default should be, and why."""
     if not advices:

@@ -20,11 +20,12 @@ def make(
     seed: int,
     quick: bool,
     steps: study.Steps,
+    lenient: bool = False,
 ) -> study.Study:
     """Measures and writes ``report.html``, the plots, and the numbers as JSON and CSV into the folder."""
     _check_imports()
     with AtomicOutput(folder) as files:
-        result = study.run(shapes, scenes, variants, parameters, seed, quick, steps)
+        result = study.run(shapes, scenes, variants, parameters, seed, quick, steps, lenient)
         done = steps("writing", 1)
         main, functions, pictures = plots.draw_all(result)
         for plot in (main, *functions, *(plot for pair in pictures for plot in pair)):

@@ -60,13 +60,13 @@ def default_scenes() -> tuple[Path, ...]:
     raise UserError("the default scenes are missing: name a scene file with --scene")
 
 
-def load(path: Path, parameters: dict[str, str], pixels: int) -> SceneFile:
+def load(path: Path, parameters: dict[str, str], pixels: int, lenient: bool = False) -> SceneFile:
     """Reads a scene and lowers its resolution to about so many pixels; proportions stay.
 
     Lights are hidden from the camera: the edge of a lamp that is seen directly has more noise than everything that a
     material does.
     """
-    graph = read_scene(path, parameters)
+    graph = read_scene(path, parameters, lenient)
     size = (0, 0)
     for film in _FILMS:
         for node in graph.materials(film):  # nodes by plugin, whatever their kind

@@ -97,6 +97,7 @@ def run(
     seed: int,
     quick: bool,
     steps: Steps,
+    lenient: bool = False,
 ) -> Study:
     """Measures; everything that can be refused is refused before the first measurement."""
     import mitsuba as mi
@@ -106,7 +107,7 @@ def run(
     machine = _machine(variants)
     mi.set_variant(variants[0])
     paths = scene_paths or scenes.default_scenes()
-    loaded = {path: scenes.load(path, parameters, effort.pixels) for path in paths}
+    loaded = {path: scenes.load(path, parameters, effort.pixels, lenient) for path in paths}
     shapes, plan = _shapes(shape_texts, bool(scene_paths), loaded, quick)
     for path, shape in plan:  # one build of each, so that a scene without metals is refused now
         loaded[path].build(shape, DEFAULT_SETTING)
@@ -129,8 +130,12 @@ def run(
             texts, effort.settings, effort.orders, threads, effort.repetitions, seed, advance
         )
 
-    found = _images(plan, variants, parameters, effort, seed, steps)
+    found = _images(plan, variants, parameters, effort, seed, steps, lenient)
     advices = advice.advise(found)
+    if quick:
+        text = advice.sentence_of_a_quick_run(advices)
+    else:
+        text = advice.sentence(advices, _costs(shapes, effort.settings, clocks[1]))
     return Study(
         settings=effort.settings,
         seed=seed,
@@ -140,7 +145,7 @@ def run(
         clocks=clocks,
         images=found,
         advice=advices,
-        text=advice.sentence(advices, _costs(shapes, effort.settings, clocks[1])),
+        text=text,
         seconds=time.perf_counter() - start,
     )
 
@@ -192,6 +197,7 @@ def _images(
     effort: Effort,
     seed: int,
     steps: Steps,
+    lenient: bool,
 ) -> list[images.ImageStudy]:
     import mitsuba as mi
 
@@ -203,7 +209,7 @@ def _images(
         advance = steps(f"images, {variant}", len(plan) * images.steps(effort.settings, amount))
         for path, shape in plan:
             # read anew: a scene graph belongs to one variant
-            file = scenes.load(path, parameters, effort.pixels)
+            file = scenes.load(path, parameters, effort.pixels, lenient)
             found.append(images.study(file, shape, effort.settings, amount, variant, advance))
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from .study import FunctionStudy, Study
 FUNCTIONS_CSV = "functions.csv"
 IMAGES_CSV = "images.csv"
 JSON = "accuracy.json"
+
+# A narrower terminal gets tables without rules.
+_WIDE = 76
 
 _FUNCTION_COLUMNS = (
     *("shape", "function", "way", "setting", "worst_random", "worst_hard", "rms_random", "rms_hard"),
@@ -150,45 +154,52 @@ def _image_study(images: ImageStudy) -> dict[str, Any]:
 
 def print_tables(study: Study, console: Any) -> None:
     """A short table per shape, and the recommendation."""
+    from rich.box import HEAVY_HEAD
     from rich.table import Table
 
     for functions in study.functions:
         text = functions.shape.text
         images = [one for one in study.images if one.shape in (text, "as in the file")]
-        table = Table(title=functions.shape.title, title_justify="left")
-        for name in (
-            "accuracy",
-            "worst error of G1",
-            "ns, 1 core",
-            f"ns, {study.all.threads} cores",
-            "bytes",
-            "ms to build",
-        ):
-            table.add_column(name, justify="right")
-        if images:
-            table.add_column("8-bit steps", justify="right")
-            table.add_column("bias / noise at 1024 spp", justify="right")
+        wide = console.width >= _WIDE
+        table = Table(
+            title=functions.shape.title, title_justify="left", box=HEAVY_HEAD if wide else None, pad_edge=wide
+        )
+        columns = _columns(study, functions, images)
+        names = list(columns) if images else list(columns)[:-2]
+        if not wide:  # what matters least
+            names = [name for name in names if name not in ("ms to build", f"ns, {study.all.threads} cores")]
+        for name in names:
+            table.add_column(name, justify="right", min_width=min(map(len, name.split())))
         for setting in study.settings:
-            key = str(setting)
-            cells = [
-                setting_text(setting),
-                "reference" if setting == 0.0 else f"{functions.masking[key].g1.largest:.1e}",
-                *(f"{clock.nanoseconds[text, 'lambda', key].median:.3g}" for clock in (study.one, study.all)),
-                str(study.one.table_bytes[text, key]),
-                f"{1e3 * study.one.build_seconds[text, key].median:.2g}",
-            ]
-            if images:
-                rows = [one.row(setting) for one in images]
-                cells.append(f"{max(row.steps_8bit for row in rows):.1g}")
-                cells.append(f"{max(row.bias / max(row.noise(1024), 1e-300) for row in rows):.1g}")
-            table.add_row(*cells)
+            table.add_row(*(columns[name](setting) for name in names))
         console.print(table)
     for one in study.advice:
         parts = [f"{name}: {'none' if k is None else setting_text(k)}" for name, k in one.settings.items()]
         console.print(
-            f"{one.shape}: coarsest setting that suffices: {'; '.join(parts)}", highlight=False, soft_wrap=True
+            f"{one.shape}: coarsest setting that {'passed' if study.quick else 'suffices'}: {'; '.join(parts)}",
+            highlight=False,
+            soft_wrap=True,
         )
     console.print(study.text, highlight=False, soft_wrap=True)
+
+
+def _columns(study: Study, functions: FunctionStudy, images: list[ImageStudy]) -> dict[str, Callable[[float], str]]:
+    """The columns of the short table: the text of each setting."""
+    text = functions.shape.text
+    return {
+        "accuracy": setting_text,
+        "worst error of G1": lambda k: "reference" if k == 0.0 else f"{functions.masking[str(k)].g1.largest:.1e}",
+        "ns, 1 core": lambda k: f"{study.one.nanoseconds[text, 'lambda', str(k)].median:.3g}",
+        f"ns, {study.all.threads} cores": lambda k: f"{study.all.nanoseconds[text, 'lambda', str(k)].median:.3g}",
+        "bytes": lambda k: str(study.one.table_bytes[text, str(k)]),
+        "ms to build": lambda k: f"{1e3 * study.one.build_seconds[text, str(k)].median:.2g}",
+        "8-bit steps": lambda k: f"{max(one.row(k).steps_8bit for one in images):.1g}",
+        "bias / noise at 1024 spp": lambda k: f"{max(_part_of_noise(one.row(k)) for one in images):.1g}",
+    }
+
+
+def _part_of_noise(row: ImageRow) -> float:
+    return row.bias / max(row.noise(1024), 1e-300)
 
 
 def _setting(way: str) -> float | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .options import DEFINE, PATH
+from .options import DEFINE, LENIENT, PATH
 from .session import Bars, console_for_tables, start_mitsuba
 
 
@@ -35,6 +35,7 @@ from .session import Bars, console_for_tables, start_mitsuba
 @click.option("-o", "--output", type=PATH, default=Path("out/accuracy"), show_default=True, help="Folder to write.")
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Of all random numbers.")
 @click.option("--quick", is_flag=True, help="A small run, to see that everything works.")
+@LENIENT
 @DEFINE
 def accuracy_command(
     shapes: tuple[str, ...],
@@ -43,6 +44,7 @@ def accuracy_command(
     output: Path,
     seed: int,
     quick: bool,
+    lenient: bool,
     parameters: dict[str, str],
 ) -> None:
     """Show what accuracy costs in time: for functions, and for images.
@@ -58,13 +60,18 @@ def accuracy_command(
 
     Writes report.html, plots as PNG and SVG, accuracy.json, functions.csv and images.csv.
     """
+    from .. import atomic_output
     from ..accuracy.files import REPORT, make
     from ..accuracy.tables import print_tables
+    from ..scene.graph import check_scene_file
 
+    for scene in scenes:
+        check_scene_file(scene)
+    atomic_output.check(output, (REPORT,))
     names = [start_mitsuba(name) for name in dict.fromkeys(variants or (None,))]
     if not variants:
         names.append("scalar_rgb")
     with Bars() as bars:
-        result = make(output, shapes, scenes, tuple(dict.fromkeys(names)), parameters, seed, quick, bars.add)
+        result = make(output, shapes, scenes, tuple(dict.fromkeys(names)), parameters, seed, quick, bars.add, lenient)
     print_tables(result, console_for_tables())
     click.echo(f"Report: {output / REPORT}")
