@@ -10,9 +10,10 @@ use crate::family::shape::{Row, Shape};
 use crate::family::skewed_t::SkewedT;
 use crate::family::tree::Node as CoreNode;
 use crate::masking::table::ENTRIES;
-use crate::ndf::{Ndf as CoreNdf, Roughness, Shadowing};
+use crate::ndf::{INVALID, Ndf as CoreNdf, NormalSample as CoreSample, Normals as CoreNormals, Roughness, Shadowing};
 use crate::sampling::visible_table::CELLS;
 use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
+use crate::scattering::reflection::{Reflected as CoreReflected, Reflection as CoreReflection};
 use glam::DVec3;
 
 #[cxx::bridge(namespace = "sgtd")]
@@ -46,11 +47,48 @@ mod ffi {
         closed_form: bool,
     }
 
+    /// Which normals are drawn.
+    #[derive(Debug, PartialEq, Eq)]
+    enum Normals {
+        All,
+        Visible,
+        Reflecting,
+    }
+
     /// A sampled normal; pdf 0 marks an invalid one.
     struct NormalSample {
         m: Vec3,
         pdf: f64,
         d_over_pdf: f64,
+    }
+
+    /// A view that is reflected: roughness, direction, how masking is combined, and which normals are drawn.
+    struct Reflection {
+        alpha_u: f64,
+        alpha_v: f64,
+        wi: Vec3,
+        correlated: bool,
+        normals: Normals,
+    }
+
+    /// What a pair of directions gives: D, cosine and density of its half vector, masking.
+    struct Reflected {
+        d: f64,
+        cos: f64,
+        g2: f64,
+        pdf: f64,
+    }
+
+    /// A sampled normal, and the masking of the reflection about it.
+    struct ReflectionSample {
+        normal: NormalSample,
+        g2: f64,
+    }
+
+    /// Both for one view.
+    struct ReflectedAndSample {
+        reflected: Reflected,
+        sample: ReflectionSample,
     }
 
     /// What a reader of the tables has to know.
@@ -101,8 +139,19 @@ mod ffi {
 
         fn d(self: &Ndf, alpha_u: f64, alpha_v: f64, m: &Vec3) -> f64;
         fn projected_area(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64;
-        fn pdf(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, visible: bool) -> f64;
-        fn sample(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, visible: bool) -> NormalSample;
+        fn pdf(self: &Ndf, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, normals: Normals) -> f64;
+        fn sample(
+            self: &Ndf,
+            alpha_u: f64,
+            alpha_v: f64,
+            wi: &Vec3,
+            u1: f64,
+            u2: f64,
+            normals: Normals,
+        ) -> NormalSample;
+        fn reflected(self: &Ndf, view: &Reflection, wo: &Vec3) -> Reflected;
+        fn sample_reflection(self: &Ndf, view: &Reflection, u1: f64, u2: f64) -> ReflectionSample;
+        fn reflected_and_sample(self: &Ndf, view: &Reflection, wo: &Vec3, u1: f64, u2: f64) -> ReflectedAndSample;
 
         fn results_of(query: &str, numbers: usize) -> Result<usize>;
         fn eval_batch(
@@ -122,7 +171,10 @@ mod ffi {
     }
 }
 
-use ffi::{AlbedoHeader, Given, Node, NormalSample, RowShape, TableHeader, Vec3};
+use ffi::{
+    AlbedoHeader, Given, Node, NormalSample, Normals, Reflected, ReflectedAndSample, Reflection, ReflectionSample,
+    RowShape, TableHeader, Vec3,
+};
 
 /// The opaque object that C++ holds.
 pub struct Ndf(CoreNdf);
@@ -135,6 +187,35 @@ impl From<&Vec3> for DVec3 {
 
 fn packed(shape: &Shape) -> [f64; 4] {
     [shape.gamma(), shape.p(), shape.lambda(), shape.shift()]
+}
+
+impl From<Normals> for CoreNormals {
+    fn from(normals: Normals) -> Self {
+        match normals {
+            Normals::All => Self::All,
+            Normals::Reflecting => Self::Reflecting,
+            _ => Self::Visible,
+        }
+    }
+}
+
+impl From<CoreSample> for NormalSample {
+    fn from(sample: CoreSample) -> Self {
+        let m = Vec3 { x: sample.m.x, y: sample.m.y, z: sample.m.z };
+        Self { m, pdf: sample.pdf, d_over_pdf: sample.d_over_pdf }
+    }
+}
+
+impl From<(CoreSample, f64)> for ReflectionSample {
+    fn from((normal, g2): (CoreSample, f64)) -> Self {
+        Self { normal: normal.into(), g2 }
+    }
+}
+
+impl From<CoreReflected> for Reflected {
+    fn from(CoreReflected { d, cos, g2, pdf }: CoreReflected) -> Self {
+        Self { d, cos, g2, pdf }
+    }
 }
 
 fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape, ParameterError> {
@@ -260,20 +341,33 @@ impl Ndf {
         self.0.projected_area(Roughness { u: alpha_u, v: alpha_v }, w.into())
     }
 
-    fn pdf(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, visible: bool) -> f64 {
-        let alpha = Roughness { u: alpha_u, v: alpha_v };
-        if visible { self.0.pdf_visible(alpha, wi.into(), m.into()) } else { self.0.pdf_projected(alpha, m.into()) }
+    fn pdf(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, normals: Normals) -> f64 {
+        self.0.pdf(Roughness { u: alpha_u, v: alpha_v }, wi.into(), m.into(), normals.into())
     }
 
-    fn sample(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, visible: bool) -> NormalSample {
-        let alpha = Roughness { u: alpha_u, v: alpha_v };
-        let sample = if visible {
-            self.0.sample_visible(alpha, wi.into(), (u1, u2))
-        } else {
-            self.0.sample_projected(alpha, (u1, u2))
-        };
-        let m = Vec3 { x: sample.m.x, y: sample.m.y, z: sample.m.z };
-        NormalSample { m, pdf: sample.pdf, d_over_pdf: sample.d_over_pdf }
+    fn sample(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, normals: Normals) -> NormalSample {
+        self.0.sample(Roughness { u: alpha_u, v: alpha_v }, wi.into(), (u1, u2), normals.into()).into()
+    }
+
+    fn reflected(&self, view: &Reflection, wo: &Vec3) -> Reflected {
+        self.reflection(view).map_or(CoreReflected::default(), |view| view.at(wo.into())).into()
+    }
+
+    fn sample_reflection(&self, view: &Reflection, u1: f64, u2: f64) -> ReflectionSample {
+        self.reflection(view).map_or((INVALID, 0.0), |view| view.sample((u1, u2))).into()
+    }
+
+    fn reflected_and_sample(&self, view: &Reflection, wo: &Vec3, u1: f64, u2: f64) -> ReflectedAndSample {
+        let (reflected, sample) = self
+            .reflection(view)
+            .map_or((CoreReflected::default(), (INVALID, 0.0)), |view| (view.at(wo.into()), view.sample((u1, u2))));
+        ReflectedAndSample { reflected: reflected.into(), sample: sample.into() }
+    }
+
+    #[inline]
+    fn reflection(&self, view: &Reflection) -> Option<CoreReflection<'_>> {
+        let alpha = Roughness { u: view.alpha_u, v: view.alpha_v };
+        CoreReflection::new(&self.0, alpha, shadowing(view.correlated), (&view.wi).into(), view.normals.into())
     }
 
     fn eval_batch(

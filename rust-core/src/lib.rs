@@ -32,7 +32,7 @@
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
 //! | losses of single scattering | – | [`scattering::albedo::SingleScattering::loss`], [`scattering::albedo_table::AlbedoTable`] |
 //! | walks on the microsurface | – | [`scattering::random_walk::RandomWalk`] |
-//! | sampling of visible normals | – | [`sampling::visible_table::VisibleTable`], [`sampling::azimuth::Azimuth`], [`ndf::Ndf::sample_visible`] |
+//! | sampling of visible normals | – | [`sampling::visible_table::VisibleTable`], [`sampling::azimuth::Azimuth`], [`ndf::Ndf::sample`], [`sampling::bounded::Horizon`] |
 //!
 //! # One way through the rooms
 //! [`error`] and [`numerics`] → [`profile`] (the trait) → [`family`] (this family behind it) → [`masking`] → [`sampling`] → [`ndf`] → [`scattering`]

@@ -9,7 +9,8 @@ use crate::masking::{MaskingIntegral, Rule};
 use crate::numerics::greatest;
 use crate::profile::Profile;
 use crate::sampling::azimuth::Azimuth;
-use crate::sampling::visible_table::VisibleTable;
+use crate::sampling::bounded::Horizon;
+use crate::sampling::visible_table::{Mixture, VisibleTable};
 use glam::DVec3;
 use std::f64::consts::PI;
 
@@ -61,7 +62,7 @@ pub struct NormalSample {
     pub d_over_pdf: f64,
 }
 
-const INVALID: NormalSample = NormalSample { m: DVec3::Z, pdf: 0.0, d_over_pdf: 0.0 };
+pub(crate) const INVALID: NormalSample = NormalSample { m: DVec3::Z, pdf: 0.0, d_over_pdf: 0.0 };
 
 /// A profile with its tables, ready to be evaluated and sampled at any roughness.
 pub struct Ndf {
@@ -82,6 +83,30 @@ struct Stretched {
     across: f64,
 }
 
+/// Which normals are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Normals {
+    /// All, from D·cos θ_m, whatever the view.
+    All,
+    /// Those that are visible.
+    Visible,
+    /// Of the visible ones, as far as the limits of [`Horizon`] go, those that reflect the view above the horizon. For reflections alone: others
+    /// may refract it.
+    Reflecting,
+}
+
+/// A view with what all its samples and densities share.
+pub struct View<'a> {
+    ndf: &'a Ndf,
+    alpha: Roughness,
+    normals: Normals,
+    stretched: Stretched,
+    mixture: Mixture,
+    horizon: Option<Horizon>,
+    /// the share of the radii that are drawn
+    share: f64,
+}
+
 impl Stretched {
     fn new(alpha: Roughness, w: DVec3) -> Self {
         let direction = DVec3::new(alpha.u * w.x, alpha.v * w.y, w.z);
@@ -90,8 +115,8 @@ impl Stretched {
 }
 
 impl Ndf {
-    /// The same without what only visible normals need: [`Ndf::sample_visible`] then draws slopes as along the normal, whatever the view,
-    /// and [`Ndf::pdf_visible`] says so.
+    /// The same without what only visible normals need: visible normals are then drawn as along the normal, whatever the view,
+    /// and their density says so.
     ///
     /// # Errors
     /// As [`Ndf::new`].
@@ -242,51 +267,45 @@ impl Ndf {
         }
     }
 
-    /// Density per solid angle of the normals that [`Ndf::sample_visible`] draws.
-    pub fn pdf_visible(&self, alpha: Roughness, wi: DVec3, m: DVec3) -> f64 {
-        if wi.z <= 0.0 || m.z <= 0.0 {
-            return 0.0;
+    /// What sampling needs of a view; `None` at and below the horizon, from where nothing is seen.
+    pub fn view(&self, alpha: Roughness, wi: DVec3, normals: Normals) -> Option<View<'_>> {
+        if !(wi.z > 0.0) {
+            return None;
         }
-        let view = Stretched::new(alpha, wi);
-        let slope = (m.x / (alpha.u * m.z), m.y / (alpha.v * m.z));
-        let rho = norm(slope.0, slope.1);
-        let facing = view.direction.z + view.direction.x * slope.0 + view.direction.y * slope.1;
-        if facing <= 0.0 {
-            return 0.0;
-        }
-        let mixture = self.visible_table.mixture(view.direction.z, view.across);
-        let radial = self.visible_table.density(mixture, rho * rho);
-        if radial == 0.0 {
-            return 0.0;
-        }
-        let azimuth = Azimuth::new(view.direction.z, view.across, rho);
-        finite(2.0 * radial * facing / azimuth.mass() / (alpha.u * alpha.v * m.z * m.z * m.z))
+        let stretched = Stretched::new(alpha, wi);
+        let mixture = match normals {
+            Normals::All => self.visible_table.unseen(),
+            _ => self.visible_table.mixture(stretched.direction.z, stretched.across),
+        };
+        let (horizon, share) = match normals {
+            Normals::All | Normals::Visible => (None, 1.0),
+            Normals::Reflecting => {
+                let horizon = Horizon::new((alpha.u, alpha.v), wi);
+                let share = self.visible_table.share_below(mixture, horizon.square());
+                (Some(horizon), share)
+            }
+        };
+        Some(View { ndf: self, alpha, normals, stretched, mixture, horizon, share })
     }
 
-    /// Draws a visible normal; the reported pdf is the density of what is drawn.
+    /// Density per solid angle of the normals that [`Ndf::sample`] draws.
+    pub fn pdf(&self, alpha: Roughness, wi: DVec3, m: DVec3, normals: Normals) -> f64 {
+        self.view(alpha, wi, normals).map_or(0.0, |view| view.pdf(m))
+    }
+
+    /// [`Ndf::pdf`] of [`Normals::Visible`].
+    pub fn pdf_visible(&self, alpha: Roughness, wi: DVec3, m: DVec3) -> f64 {
+        self.pdf(alpha, wi, m, Normals::Visible)
+    }
+
+    /// [`Ndf::sample`] from [`Normals::Visible`].
     pub fn sample_visible(&self, alpha: Roughness, wi: DVec3, u: (f64, f64)) -> NormalSample {
-        if wi.z <= 0.0 {
-            return INVALID;
-        }
-        let view = Stretched::new(alpha, wi);
-        let mixture = self.visible_table.mixture(view.direction.z, view.across);
-        let Some((y, radial)) = self.visible_table.sample(mixture, u.0) else { return INVALID };
-        let rho = y.sqrt();
-        // before the azimuth, which does not need it: the processor then works on both
-        let f_over_density = self.shape_factor(rho) / (2.0 * radial);
-        let azimuth = Azimuth::new(view.direction.z, view.across, rho).sample(u.1);
-        if azimuth.share <= 0.0 {
-            return INVALID;
-        }
-        // the azimuth is counted from that of the view
-        let (cos_view, sin_view) = if view.across > 0.0 {
-            (view.direction.x / view.across, view.direction.y / view.across)
-        } else {
-            (1.0, 0.0)
-        };
-        let (sin, cos) = (azimuth.sin, azimuth.cos);
-        let slope = (rho * (cos * cos_view - sin * sin_view), rho * (sin * cos_view + cos * sin_view));
-        self.finish(alpha, slope, 2.0 * radial * azimuth.share, f_over_density * azimuth.inverse_share)
+        self.sample(alpha, wi, u, Normals::Visible)
+    }
+
+    /// Draws a normal for a view; the reported pdf is the density of what is drawn.
+    pub fn sample(&self, alpha: Roughness, wi: DVec3, u: (f64, f64), normals: Normals) -> NormalSample {
+        self.view(alpha, wi, normals).map_or(INVALID, |view| view.sample(u))
     }
 
     /// Density per solid angle of the normals that [`Ndf::sample_projected`] draws: D·cos θ_m up to the spline.
@@ -326,6 +345,62 @@ impl Ndf {
             NormalSample { m, pdf, d_over_pdf }
         } else {
             INVALID
+        }
+    }
+}
+
+impl View<'_> {
+    /// Density per solid angle of the normals that [`View::sample`] draws.
+    pub fn pdf(&self, m: DVec3) -> f64 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        if self.normals == Normals::All {
+            return self.ndf.pdf_projected(self.alpha, m);
+        }
+        let (alpha, direction) = (self.alpha, self.stretched.direction);
+        let slope = (m.x / (alpha.u * m.z), m.y / (alpha.v * m.z));
+        let rho = norm(slope.0, slope.1);
+        let facing = direction.z + direction.x * slope.0 + direction.y * slope.1;
+        if facing <= 0.0 {
+            return 0.0;
+        }
+        let radial = self.ndf.visible_table.density(self.mixture, rho * rho);
+        if radial == 0.0 {
+            return 0.0;
+        }
+        let mass = self.azimuth(rho).mass() * self.share;
+        if mass > 0.0 { finite(2.0 * radial * facing / mass / (alpha.u * alpha.v * m.z * m.z * m.z)) } else { 0.0 }
+    }
+
+    /// Draws a normal; the reported pdf is the density of what is drawn.
+    pub fn sample(&self, u: (f64, f64)) -> NormalSample {
+        if self.normals == Normals::All {
+            return self.ndf.sample_projected(self.alpha, u);
+        }
+        let Some((y, radial)) = self.ndf.visible_table.sample(self.mixture, u.0 * self.share) else { return INVALID };
+        let rho = y.sqrt();
+        let radial = radial / self.share;
+        // before the azimuth, which does not need it: the processor then works on both
+        let f_over_density = self.ndf.shape_factor(rho) / (2.0 * radial);
+        let azimuth = self.azimuth(rho).sample(u.1);
+        if !(azimuth.share > 0.0) {
+            return INVALID;
+        }
+        // the azimuth is counted from that of the view
+        let Stretched { direction, across } = self.stretched;
+        let (cos_view, sin_view) = if across > 0.0 { (direction.x / across, direction.y / across) } else { (1.0, 0.0) };
+        let (sin, cos) = (azimuth.sin, azimuth.cos);
+        let slope = (rho * (cos * cos_view - sin * sin_view), rho * (sin * cos_view + cos * sin_view));
+        self.ndf.finish(self.alpha, slope, 2.0 * radial * azimuth.share, f_over_density * azimuth.inverse_share)
+    }
+
+    #[inline]
+    fn azimuth(&self, rho: f64) -> Azimuth {
+        let (cos, sin) = (self.stretched.direction.z, self.stretched.across);
+        match &self.horizon {
+            Some(horizon) if horizon.limits_azimuth() => Azimuth::bounded(cos, sin, rho, horizon),
+            _ => Azimuth::new(cos, sin, rho),
         }
     }
 }

@@ -31,6 +31,10 @@ pub const ROW_SIZE: usize = LIST_SIZE + 2 * CELLS;
 /// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
 const SLOPE_CAP: f64 = 1e9;
 
+/// Masses are counted from above in single precision, so that a share below this would be made of few numbers: a ring that lies beyond the horizon
+/// as a whole.
+pub const LEAST_SHARE: f64 = 1.0 / 256.0;
+
 /// Gauss points per piece: masses need no more than single precision.
 const POINTS: usize = 12;
 /// Depth to which knots are placed: e^−40 of the peak.
@@ -200,6 +204,22 @@ impl VisibleTable {
         Some((cell.y + tau * cell.width, cell.density(tau)))
     }
 
+    /// The share of what [`VisibleTable::sample`] draws that is below y: with u times it, nothing else is drawn, and the density is [`VisibleTable::density`]
+    /// by it. At least [`LEAST_SHARE`], whose rest is drawn in vain.
+    pub fn share_below(&self, mixture: Mixture, y: f64) -> f64 {
+        let rows = self.mixed(mixture);
+        let knots = self.flat[..LIST_SIZE].as_chunks::<BLOCK>().0;
+        let j = last_where(|k| knots[k].map(f64::from), |knot| knot <= y);
+        let above = rows.above(j);
+        let below = if j == CELLS - 1 {
+            0.0
+        } else {
+            let cell = self.cell(&rows, j);
+            cell.mass * cell.share((y - cell.y) / cell.width)
+        };
+        (1.0 - (above - below)).max(LEAST_SHARE)
+    }
+
     /// Density per dρ² of what [`VisibleTable::sample`] draws.
     pub fn density(&self, mixture: Mixture, y: f64) -> f64 {
         let knots = self.flat[..LIST_SIZE].as_chunks::<BLOCK>().0;
@@ -296,6 +316,13 @@ fn last_where(block: impl Fn(usize) -> [f64; BLOCK], holds: impl Fn(f64) -> bool
 }
 
 impl Cell {
+    /// The share of the cell's mass below the fraction τ of its width.
+    fn share(&self, tau: f64) -> f64 {
+        let (d0, d1) = self.ends;
+        let rest = tau * (1.0 - tau);
+        tau.mul_add(tau, d0 * rest) / (d0 + d1 - 2.0).mul_add(rest, 1.0)
+    }
+
     fn density(&self, tau: f64) -> f64 {
         if self.mass <= 0.0 {
             return 0.0;

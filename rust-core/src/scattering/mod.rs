@@ -1,5 +1,6 @@
-//! What light does beyond its first facet: the energy that one reflection loses, and walks that follow it.
+//! What becomes of light: its first reflection, the energy that one reflection loses, and walks that follow it further.
 
 pub mod albedo;
 pub mod albedo_table;
 pub mod random_walk;
+pub mod reflection;
