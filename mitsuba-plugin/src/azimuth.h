@@ -16,13 +16,22 @@ NAMESPACE_BEGIN(mitsuba)
  *     slope_0 = max(c - b, 0),  a = min(b, c),  e = sqrt(max(b^2 - c^2, 0)):
  *
  * a sum of positive terms, so neither h nor its derivative cancels where it vanishes.
+ *
+ * Where only slopes count that reflect the view above the horizon, phi ends at phi_2 = acos(kappa),
+ * which phi_1 never is before, and h is the same with
+ *
+ *     slope_0 = c + b kappa,  a = -b kappa,  e = b sin(phi_2),
+ *
+ * whose slope_0 is never below c/2.
  */
 template <typename Float> struct Azimuth {
     using Mask   = dr::mask_t<Float>;
     using UInt32 = dr::uint32_array_t<Float>;
 
-    /// 1 / (c + b); the constants of h; phi_1; h at psi = phi_1
-    Float inv_sum, slope_0, a, e, phi_1, mass;
+    /// 1 / (c + b); the constants of h; where phi ends, its sine and minus its cosine; h there
+    Float inv_sum, slope_0, a, e, phi_1, sin_1, cos_1, mass;
+    /// Does phi end at phi_2?
+    bool bounded = false;
 
     Azimuth(const Float &c, const Float &b) {
         inv_sum   = dr::rcp(dr::maximum(c + b, 1e-18f));
@@ -35,6 +44,38 @@ template <typename Float> struct Azimuth {
         // e is the tangent of half the angle that is cut off
         phi_1 = dr::fnmadd(2.f, atan(e), dr::Pi<Float>);
         mass  = dr::fmadd(c * inv_sum, phi_1, e);
+        // Where b > c, (a, e) is (cos, sin)(pi - phi_1) times b in units of c + b; else e is 0
+        Float inv_b = dr::rcp(dr::fmadd(.5f, dr::square(e), .5f));
+        sin_1       = e * inv_b;
+        cos_1       = dr::select(past, a * inv_b, 1.f);
+    }
+
+    /**
+     * The azimuths that reflect the view above the horizon.
+     *
+     * `less` and `more` are 1 - kappa and 1 + kappa, both times the same positive number; the
+     * second is negative where phi_2 = pi. `rise` is 1 + tan^2 of the facet.
+     */
+    static Azimuth within(const Float &c, const Float &b, const Float &less, const Float &more,
+                          const Float &rise) {
+        Azimuth result;
+        result.bounded = true;
+        result.inv_sum = dr::rcp(dr::maximum(c + b, 1e-18f));
+        Mask limited   = more > 0.f;
+        Float unit     = dr::rcp(dr::maximum(less + more, 1e-30f)),
+              // not 0, so that neither the mass is nor a derivative infinite
+            l       = dr::select(limited, dr::maximum(less * unit, 1e-10f), 1.f),
+              m     = dr::select(limited, dr::maximum(more * unit, 1e-12f), 1e-12f),
+              small = dr::minimum(l, m), angle = 2.f * dr::sqrt(small) * arc_sine(small),
+              c_unit = c * result.inv_sum, b_unit = b * result.inv_sum;
+        result.cos_1   = l - m;
+        result.phi_1   = dr::select(m < l, dr::Pi<Float> - angle, angle);
+        result.sin_1   = 2.f * dr::sqrt(l * m);
+        result.slope_0 = dr::select(limited, .5f * c_unit * rise, c_unit - b_unit);
+        result.a       = c_unit - result.slope_0;
+        result.e       = b_unit * result.sin_1;
+        result.mass    = dr::fmadd(c_unit, result.phi_1, result.e);
+        return result;
     }
 
     /// h and its first three derivatives.
@@ -59,9 +100,7 @@ template <typename Float> struct Azimuth {
 
     /// Sine and cosine of phi = phi_1 - psi.
     std::pair<Float, Float> sincos(const Terms &at) const {
-        // Where b > c, (a, e) is (cos, sin)(pi - phi_1) times b in units of c + b; else e is 0
-        Float inv_b = dr::rcp(dr::fmadd(.5f, dr::square(e), .5f)), sin_1 = e * inv_b,
-              cos_1 = dr::select(e > 0.f, a * inv_b, 1.f), cosine = 1.f - at.versine;
+        Float cosine = 1.f - at.versine;
         return { dr::fmadd(sin_1, cosine, cos_1 * at.sine),
                  dr::fmsub(sin_1, at.sine, cos_1 * cosine) };
     }
@@ -69,12 +108,13 @@ template <typename Float> struct Azimuth {
     /**
      * The terms at the psi where h(psi) = share * mass, for a share in [0, 1].
      *
-     * The guess is within 1.7 % of psi, and a step of Householder's method with three derivatives
+     * The guess is within 3 % of psi, and a step of Householder's method with three derivatives
      * leaves a third of the fourth power of that, less than the rounding of single precision.
      */
     Terms solve(const Float &share) const {
         const Azimuth fixed = detached();
-        Float wanted = share * mass, target = dr::detach(wanted), start = fixed.guess(target),
+        Float wanted = share * mass, target = dr::detach(wanted),
+              start     = bounded ? fixed.guess_within(dr::detach(share)) : fixed.guess(target),
               sine_half = sin(.5f * start), cosine_half = cos(.5f * start);
         Terms at =
             fixed.assemble(start, 2.f * sine_half * cosine_half, 2.f * dr::square(sine_half));
@@ -115,6 +155,23 @@ private:
         return psi * by_share * by_angle;
     }
 
+    /// psi with h(psi) = share * mass to 3 %, where phi ends at phi_2: over g = psi / sqrt(1 + q
+    /// psi^2), h is close to the monotone rational-quadratic function with its values and slopes at
+    /// both ends, which has a closed-form inverse. q is a fit over c in units of c + b.
+    Float guess_within(const Float &share) const {
+        Float c = slope_0 + a, rest = 1.f - c,
+              q      = dr::select(c > 2.f / 3.f,
+                                  dr::fmadd(rest, dr::fmadd(rest, 1.2201f, .0958f), .0389f),
+                                  dr::fmadd(c, -.2256f, .0822f)),
+              spread = dr::fmadd(q * phi_1, phi_1, 1.f), inv_root = dr::rsqrt(spread),
+              end = phi_1 * inv_root, unit = end * dr::rcp(mass), d0 = slope_0 * unit,
+              d1 = unit * dr::square(spread) * inv_root, k = d0 + d1 - 2.f,
+              b    = dr::fnmadd(share, k, d0),
+              root = dr::sqrt(dr::maximum(dr::fmadd(b, b, 4.f * share * (1.f - b)), 1e-30f)),
+              g    = end * dr::minimum(2.f * share / dr::maximum(b + root, 1e-30f), 1.f);
+        return g * dr::rsqrt(dr::fnmadd(q * g, g, 1.f));
+    }
+
     /// One step towards h(psi) = target.
     Float step(const Terms &at, const Float &target) const {
         Float miss = target - at.value, bend = miss * at.curvature, square = dr::square(at.slope),
@@ -140,6 +197,11 @@ private:
                               .106409349f, -.0750429556f, .0426915288f, -.0160686318f,
                               .00284988992f);
     }
+    /// asin(sqrt(x)) / sqrt(x) on [0, 1/2]
+    static Float arc_sine(const Float &x) {
+        return dr::estrin(x, 1.00000009f, 0.166649005f, 0.075538159f, 0.0385999597f, 0.0617493668f,
+                          -0.0564740372f, 0.101885297f);
+    }
     static Float sin(const Float &x) {
         return x * dr::estrin(dr::square(x), 1.f, -.166666567f, .00833301619f, -.000198064721f,
                               2.59931085e-6f);
@@ -155,6 +217,7 @@ private:
         result.a       = dr::detach(a);
         result.e       = dr::detach(e);
         result.phi_1   = dr::detach(phi_1);
+        result.mass    = dr::detach(mass);
         return result;
     }
 };

@@ -36,6 +36,31 @@ Shape from_core(const std::array<double, 4> &shape) {
 
 rust::Str to_core(std::string_view text) { return { text.data(), text.size() }; }
 
+sgtd::Normals to_core(Normals normals) {
+    switch (normals) {
+    case Normals::All:
+        return sgtd::Normals::All;
+    case Normals::Reflecting:
+        return sgtd::Normals::Reflecting;
+    default:
+        return sgtd::Normals::Visible;
+    }
+}
+
+sgtd::Reflection to_core(const Reflection &view) {
+    return { view.alpha_u, view.alpha_v, to_core(view.wi), view.correlated, to_core(view.normals) };
+}
+
+NormalSample from_core(const sgtd::NormalSample &s) {
+    return { { s.m.x, s.m.y, s.m.z }, s.pdf, s.d_over_pdf };
+}
+
+Reflected from_core(const sgtd::Reflected &r) { return { r.d, r.cos, r.g2, r.pdf }; }
+
+ReflectionSample from_core(const sgtd::ReflectionSample &s) {
+    return { from_core(s.normal), s.g2 };
+}
+
 template <typename T> rust::Slice<T> to_core(Slice<T> slice) { return { slice.data, slice.size }; }
 
 /// Equal keys share one value for as long as somebody holds it.
@@ -231,14 +256,29 @@ double Ndf::projected_area(double alpha_u, double alpha_v, const Vec3 &w) const 
     return m_impl->core->projected_area(alpha_u, alpha_v, to_core(w));
 }
 
-double Ndf::pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const {
-    return m_impl->core->pdf(alpha_u, alpha_v, to_core(wi), to_core(m), visible);
+double Ndf::pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m,
+                Normals normals) const {
+    return m_impl->core->pdf(alpha_u, alpha_v, to_core(wi), to_core(m), to_core(normals));
 }
 
 NormalSample Ndf::sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
-                         bool visible) const {
-    sgtd::NormalSample s = m_impl->core->sample(alpha_u, alpha_v, to_core(wi), u1, u2, visible);
-    return { { s.m.x, s.m.y, s.m.z }, s.pdf, s.d_over_pdf };
+                         Normals normals) const {
+    return from_core(m_impl->core->sample(alpha_u, alpha_v, to_core(wi), u1, u2, to_core(normals)));
+}
+
+Reflected Ndf::reflected(const Reflection &view, const Vec3 &wo) const {
+    return from_core(m_impl->core->reflected(to_core(view), to_core(wo)));
+}
+
+ReflectionSample Ndf::sample_reflection(const Reflection &view, double u1, double u2) const {
+    return from_core(m_impl->core->sample_reflection(to_core(view), u1, u2));
+}
+
+std::pair<Reflected, ReflectionSample>
+Ndf::reflected_and_sample(const Reflection &view, const Vec3 &wo, double u1, double u2) const {
+    sgtd::ReflectedAndSample both =
+        m_impl->core->reflected_and_sample(to_core(view), to_core(wo), u1, u2);
+    return { from_core(both.reflected), from_core(both.sample) };
 }
 
 size_t Ndf::results_of(std::string_view query, size_t numbers) {

@@ -64,6 +64,30 @@ struct NormalSample {
     double d_over_pdf;
 };
 
+/// Which normals are drawn: all, the visible ones, or of these (as far as the limits of the core
+/// go) those that reflect the view above the horizon.
+enum class Normals { All, Visible, Reflecting };
+
+/// A view that is reflected.
+struct Reflection {
+    double alpha_u, alpha_v;
+    Vec3 wi;
+    /// Masking and shadowing by height, or independent of each other
+    bool correlated;
+    Normals normals;
+};
+
+/// What a pair of directions gives: D, cosine and density of its half vector, and masking.
+struct Reflected {
+    double d, cos, g2, pdf;
+};
+
+/// A normal, and the masking of the reflection about it.
+struct ReflectionSample {
+    NormalSample normal;
+    double g2;
+};
+
 /// Greatest `steepness` for single precision: a slope has 2e-7 of relative error, a Gaussian 28.
 /// Lower values cost time, higher ones accuracy.
 constexpr double Steep = 38.0;
@@ -126,9 +150,16 @@ public:
 
     double d(double alpha_u, double alpha_v, const Vec3 &m) const;
     double projected_area(double alpha_u, double alpha_v, const Vec3 &w) const;
-    double pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m, bool visible) const;
+    double pdf(double alpha_u, double alpha_v, const Vec3 &wi, const Vec3 &m,
+               Normals normals) const;
     NormalSample sample(double alpha_u, double alpha_v, const Vec3 &wi, double u1, double u2,
-                        bool visible) const;
+                        Normals normals) const;
+
+    /// All that a reflection asks for in one call, and both at once: they share the view.
+    Reflected reflected(const Reflection &view, const Vec3 &wo) const;
+    ReflectionSample sample_reflection(const Reflection &view, double u1, double u2) const;
+    std::pair<Reflected, ReflectionSample>
+    reflected_and_sample(const Reflection &view, const Vec3 &wo, double u1, double u2) const;
 
     /// What single scattering loses at every isotropic roughness, or at one pair of roughnesses.
     /// Shared like the object of `get`.

@@ -82,11 +82,19 @@ public:
     }
 
 protected:
-    SgtdBSDF(const Properties &props) : Base(props), m_plugin(props.plugin_name()) {
+    /// `reflects_only`: may normals be left out whose reflection is below the horizon?
+    SgtdBSDF(const Properties &props, bool reflects_only)
+        : Base(props), m_plugin(props.plugin_name()) {
         read_roughness(props);
         read_shape(props);
 
-        m_sample_visible    = props.get<bool>("sample_visible", true);
+        m_sample_visible = props.get<bool>("sample_visible", true);
+        m_can_bound      = reflects_only && m_sample_visible;
+        if (reflects_only && props.has_property("sample_bounded"))
+            m_bounded_asked = props.get<bool>("sample_bounded");
+        if (m_bounded_asked.value_or(false) && !m_sample_visible)
+            Throw("parameters \"sample_bounded\" = true and \"sample_visible\" = false are given "
+                  "together: it is the visible normals that can be bounded, so remove one of them");
         std::string masking = string::to_lower(props.get<std::string_view>("masking", "separable"));
         if (masking != "separable" && masking != "height_correlated")
             Throw("masking \"%s\" is unknown: choose one of separable, height_correlated", masking);
@@ -226,6 +234,14 @@ protected:
                                       alpha_u, alpha_v, m_sample_visible);
     }
 
+    /// Which normals the tables draw.
+    sgtd::host::Normals normals() const {
+        using sgtd::host::Normals;
+        return !m_sample_visible  ? Normals::All
+               : m_sample_bounded ? Normals::Reflecting
+                                  : Normals::Visible;
+    }
+
     /// Masking and shadowing for Mitsuba's own distributions.
     Float builtin_g2(const MicrofacetDistribution &distr, const Vector3f &wi, const Vector3f &wo,
                      const Vector3f &m) const {
@@ -264,8 +280,10 @@ protected:
                 os << "  " << parameter.name << " = " << parameter.value << "," << std::endl;
         os << "  masking = " << (m_height_correlated ? "height_correlated" : "separable") << ","
            << std::endl
-           << "  sample_visible = " << m_sample_visible << "," << std::endl
-           << "  accuracy = " << m_accuracy << "," << std::endl
+           << "  sample_visible = " << m_sample_visible << "," << std::endl;
+        if (m_bounded_asked)
+            os << "  sample_bounded = " << *m_bounded_asked << "," << std::endl;
+        os << "  accuracy = " << m_accuracy << "," << std::endl
            << "  alpha_u = " << string::indent(m_alpha_u) << "," << std::endl
            << "  alpha_v = " << string::indent(m_alpha_v) << "," << std::endl;
     }
@@ -394,7 +412,8 @@ private:
             if (node.closed_form)
                 builtin = MicrofacetType::GGX;
             // Mitsuba masks Beckmann by a fit that is off by 6e-3: only for who asks for it by name
-            else if (m_row == "beckmann" && node.shape.shift == 0.0)
+            else if (m_row == "beckmann" && node.shape.shift == 0.0 &&
+                     !m_bounded_asked.value_or(false))
                 builtin = MicrofacetType::Beckmann;
 
             std::shared_ptr<const sgtd::host::Ndf> ndf;
@@ -412,6 +431,7 @@ private:
             }
 
             m_builtin        = builtin.has_value();
+            m_sample_bounded = m_can_bound && m_bounded_asked.value_or(!m_builtin);
             m_beckmann       = builtin == MicrofacetType::Beckmann;
             m_builtin_scaled = builtin && reduced.alpha_scale != 1.0;
             m_steep          = tables.steep;
@@ -535,6 +555,8 @@ protected:
     FrozenChoice<Float> m_sample_visible, m_height_correlated;
     /// Are there two roughnesses?
     FrozenChoice<Float> m_anisotropic;
+    /// Are those visible normals left out that reflect below the horizon?
+    FrozenChoice<Float> m_sample_bounded;
 
     /// Is Mitsuba's own distribution used instead of the tables?
     FrozenChoice<Float> m_builtin;
@@ -550,6 +572,9 @@ protected:
     sgtd::host::RowShape m_node;
 
 private:
+    /// May they be, and was that asked for, or forbidden, by name?
+    bool m_can_bound = false;
+    std::optional<bool> m_bounded_asked;
     double m_accuracy;
 
     /// Name of the row, and its parameters; the last one is the shift or mu.
@@ -574,8 +599,9 @@ private:
     std::optional<Current> m_current;
 
     // Choices first: see FrozenChoice
-    MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_builtin,
-                   m_beckmann, m_builtin_scaled, m_steep, m_shown, m_alpha_u, m_alpha_v, m_tables)
+    MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_sample_bounded,
+                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_shown, m_alpha_u, m_alpha_v,
+                   m_tables)
 };
 
 NAMESPACE_END(mitsuba)

@@ -25,6 +25,8 @@ public:
     MI_IMPORT_TYPES()
     using Tables = SgtdTables<Float>;
 
+    using Normals = sgtd::host::Normals;
+
     /// What `sample` returns.
     struct Sample {
         /// The normal that was drawn
@@ -35,13 +37,26 @@ public:
         Float d_over_pdf;
     };
 
+    /// What a reflection needs of a pair of directions, both above the horizon.
+    struct Reflected {
+        /// D of their half vector, masking, and density of the half vector per solid angle
+        Float d, g, pdf;
+    };
+
+    /// A normal for a reflection.
+    struct ReflectionSample : Sample {
+        /// Masking of the reflected direction, which has to be above the horizon
+        Float g;
+    };
+
+    /// `one_roughness`: are both the same for certain?
     SgtdDistribution(const sgtd::host::Ndf &ndf, const Tables &tables, const Float &alpha_u,
-                     const Float &alpha_v, bool sample_visible)
+                     const Float &alpha_v, Normals normals, bool one_roughness)
         : m_ndf(ndf), m_tables(tables), m_given_u(alpha_u), m_given_v(alpha_v),
           m_alpha_u(dr::maximum(alpha_u * tables.alpha_scale, LeastAlpha)),
           m_alpha_v(dr::maximum(alpha_v * tables.alpha_scale, LeastAlpha)),
-          m_inv_alpha_u(dr::rcp(m_alpha_u)), m_inv_alpha_v(dr::rcp(m_alpha_v)),
-          m_sample_visible(sample_visible) {}
+          m_inv_alpha_u(dr::rcp(m_alpha_u)), m_inv_alpha_v(dr::rcp(m_alpha_v)), m_normals(normals),
+          m_one_roughness(one_roughness) {}
 
     /**
      * D(m) per solid angle for the half vector m of `wi` and `wo`; 0 where D(m) cos(theta_m) <=
@@ -80,8 +95,7 @@ public:
         if constexpr (!dr::is_jit_v<Float>) {
             return (Float)m_ndf.projected_area(m_alpha_u, m_alpha_v, to_core(v));
         } else {
-            View view(stretch(v));
-            return dr::fmadd(view.s, masked_slope(view.c * view.inv_s), view.c);
+            return projected_area(Stretched(*this, v));
         }
     }
 
@@ -93,75 +107,59 @@ public:
     /// Masking and shadowing of the facet `m`, independent of each other or correlated by height.
     Float G(const Vector3f &wi, const Vector3f &wo, const Vector3f &m,
             bool height_correlated) const {
-        Float area_i = projected_area(wi), area_o = projected_area(wo),
-              area = height_correlated ? dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
-                                       : area_i * area_o;
-        return dr::select(faces(wi, m) && faces(wo, m), wi.z() * wo.z() / area, 0.f);
+        Float g = g2(wi, projected_area(wi), wo, projected_area(wo), height_correlated);
+        return dr::select(faces(wi, m) && faces(wo, m), g, 0.f);
     }
 
     /// Density of the normals that `sample` draws, per solid angle; `m` may have any length.
     Float pdf(const Vector3f &wi, const Vector3f &m) const {
-        if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), unit(to_core(m)),
-                                    m_sample_visible);
-        } else {
-            Facet facet(*this, m);
-            Float y = facet.square(), azimuthal;
-            Row row;
-            if (m_sample_visible) {
-                View view(stretch(wi));
-                row = row_of(view);
-                Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
-                Vector3f w   = view.w;
-                Float facing = dr::fmadd(w.x(), facet.x, dr::fmadd(w.y(), facet.y, w.z()));
-                azimuthal    = facing * azimuth.inv_sum / azimuth.mass;
-            } else {
-                row       = normal_row();
-                azimuthal = dr::InvPi<Float>;
-            }
-            Float stretched = radial_pdf(row, y) * azimuthal;
-            return dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
-        }
+        if constexpr (!dr::is_jit_v<Float>)
+            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), unit(to_core(m)), m_normals);
+        else
+            return pdf(View(*this, wi), Facet(*this, m));
     }
 
     /// Draws a normal: `u.x()` selects its slope, `u.y()` its azimuth.
     Sample sample(const Vector3f &wi, const Point2f &u) const {
-        if constexpr (!dr::is_jit_v<Float>) {
-            sgtd::host::NormalSample s =
-                m_ndf.sample(m_alpha_u, m_alpha_v, to_core(wi), u.x(), u.y(), m_sample_visible);
-            bool valid = s.pdf * s.d_over_pdf * s.m[2] > 1e-20;
-            return { Normal3f((Float)s.m[0], (Float)s.m[1], (Float)s.m[2]),
-                     valid ? (Float)s.pdf : 0.f, valid ? (Float)s.d_over_pdf : 0.f };
-        } else {
-            Float sin_phi, cos_phi, azimuthal, radial, y;
-            if (m_sample_visible) {
-                View view(stretch(wi));
-                std::tie(y, radial) = sample_radius(row_of(view), u.x());
-                Azimuth<Float> azimuth(view.c, view.s * dr::sqrt(dr::maximum(y, 1e-20f)));
-                auto terms              = azimuth.solve(1.f - dr::abs(dr::fmsub(2.f, u.y(), 1.f)));
-                auto [sin_rel, cos_rel] = azimuth.sincos(terms);
-                sin_rel                 = dr::select(u.y() < .5f, -sin_rel, sin_rel);
-                sin_phi                 = dr::fmadd(view.sin_phi, cos_rel, view.cos_phi * sin_rel);
-                cos_phi                 = dr::fmsub(view.cos_phi, cos_rel, view.sin_phi * sin_rel);
-                azimuthal               = terms.slope / azimuth.mass;
-            } else {
-                std::tie(y, radial)        = sample_radius(normal_row(), u.x());
-                std::tie(sin_phi, cos_phi) = dr::sincos(dr::TwoPi<Float> * u.y());
-                azimuthal                  = dr::InvPi<Float>;
-            }
+        if constexpr (!dr::is_jit_v<Float>)
+            return from_core(
+                m_ndf.sample(m_alpha_u, m_alpha_v, to_core(wi), u.x(), u.y(), m_normals));
+        else
+            return sample(View(*this, wi), u);
+    }
 
-            Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
-            Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
-            Float square = dr::squared_norm(m), cos = dr::rsqrt(square), sec = square * cos,
-                  stretched = radial * azimuthal, root = m_tables.profile.sqrt_f(y),
-                  d = density(root, square);
-            m *= cos;
-            Mask valid = stretched > 1e-36f && d > 1e-20f * sec;
-            // f / stretched: inside a ring both are so small that the derivative, which has the
-            // square of the divisor in it, would overflow
-            Float ratio = dr::square(root / dr::sqrt(dr::maximum(stretched, 1e-36f)));
-            return { Normal3f(m), dr::select(valid, stretched * solid_angle(sec), 0.f),
-                     dr::select(valid, m_tables.factor * ratio * sec, 0.f) };
+    /// All at once: scalar variants cross the bridge once, and what depends on `wi` alone is there
+    /// once.
+    template <bool Value, bool Pdf>
+    Reflected reflected(const Vector3f &wi, const Vector3f &wo, bool height_correlated) const {
+        if constexpr (!dr::is_jit_v<Float>)
+            return from_core(m_ndf.reflected(seen_from(wi, height_correlated), to_core(wo)));
+        else
+            return reflected<Value, Pdf>(View(*this, wi), wo, height_correlated);
+    }
+
+    ReflectionSample sample_reflection(const Vector3f &wi, const Point2f &u,
+                                       bool height_correlated) const {
+        if constexpr (!dr::is_jit_v<Float>)
+            return from_core(
+                m_ndf.sample_reflection(seen_from(wi, height_correlated), u.x(), u.y()));
+        else
+            return sample_reflection(View(*this, wi), u, height_correlated);
+    }
+
+    /// Both for one view.
+    std::pair<Reflected, ReflectionSample> reflected_and_sample(const Vector3f &wi,
+                                                                const Vector3f &wo,
+                                                                const Point2f &u,
+                                                                bool height_correlated) const {
+        if constexpr (!dr::is_jit_v<Float>) {
+            auto [r, s] = m_ndf.reflected_and_sample(seen_from(wi, height_correlated), to_core(wo),
+                                                     u.x(), u.y());
+            return { from_core(r), from_core(s) };
+        } else {
+            View view(*this, wi);
+            return { reflected<true, true>(view, wo, height_correlated),
+                     sample_reflection(view, u, height_correlated) };
         }
     }
 
@@ -170,11 +168,35 @@ private:
     static constexpr float LeastAlpha = 1e-4f;
     /// Least cosine of a normal that is divided by: the square of its inverse is finite
     static constexpr float LeastCos = 1e-18f;
+    /// By how much the disc of the azimuths is enlarged, so that single precision tells how wide
+    /// their range is, and least share of the radii that is drawn; the core has the same
+    static constexpr float Margin     = 1.f / 512.f;
+    static constexpr float LeastShare = 1.f / 256.f;
     /// Greater values of D are cut off, so that products with them are finite
     static constexpr float GreatestD = 1e30f;
 
     static sgtd::host::Vec3 to_core(const Vector3f &v) {
         return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
+    }
+
+    sgtd::host::Reflection seen_from(const Vector3f &wi, bool height_correlated) const {
+        return { (double)dr::slice(m_alpha_u), (double)dr::slice(m_alpha_v), to_core(wi),
+                 height_correlated, m_normals };
+    }
+
+    static Sample from_core(const sgtd::host::NormalSample &s) {
+        bool valid = s.pdf * s.d_over_pdf * s.m[2] > 1e-20;
+        return { Normal3f((Float)s.m[0], (Float)s.m[1], (Float)s.m[2]), valid ? (Float)s.pdf : 0.f,
+                 valid ? (Float)s.d_over_pdf : 0.f };
+    }
+
+    static ReflectionSample from_core(const sgtd::host::ReflectionSample &s) {
+        return { from_core(s.normal), (Float)s.g2 };
+    }
+
+    static Reflected from_core(const sgtd::host::Reflected &r) {
+        double d = std::min(r.d, (double)GreatestD);
+        return { d * r.cos > 1e-20 ? (Float)d : 0.f, (Float)r.g2, (Float)r.pdf };
     }
 
     /// The greater of `x` and 0. As a selection it is one instruction, as maximum() it is three,
@@ -258,29 +280,36 @@ private:
         return positive(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()));
     }
 
-    // ------------------------------------------------------------------
-    //  Sampling: radius
-    // ------------------------------------------------------------------
-
     /// A stretched direction.
-    struct View {
+    struct Stretched {
         Vector3f w;
-        Float c, s, inv_s, sin_phi, cos_phi;
+        Float c, s, inv_s;
+        Mask tilted;
 
-        explicit View(const Vector3f &w_) : w(w_), c(w_.z()) {
-            Float s2    = dr::fmadd(w.x(), w.x(), dr::square(w.y()));
-            Mask tilted = s2 > 1e-20f;
-            s2          = dr::maximum(s2, 1e-20f);
-            inv_s       = dr::rsqrt(s2);
-            s           = s2 * inv_s;
-            sin_phi     = dr::select(tilted, w.y() * inv_s, 0.f);
-            cos_phi     = dr::select(tilted, w.x() * inv_s, 1.f);
+        Stretched(const SgtdDistribution &distr, const Vector3f &v)
+            : w(distr.m_alpha_u * v.x(), distr.m_alpha_v * v.y(), v.z()), c(v.z()) {
+            Float s2 = dr::fmadd(w.x(), w.x(), dr::square(w.y()));
+            tilted   = s2 > 1e-20f;
+            s2       = dr::maximum(s2, 1e-20f);
+            inv_s    = dr::rsqrt(s2);
+            s        = s2 * inv_s;
         }
     };
 
-    Vector3f stretch(const Vector3f &w) const {
-        return Vector3f(m_alpha_u * w.x(), m_alpha_v * w.y(), w.z());
+    Float projected_area(const Stretched &v) const {
+        return dr::fmadd(v.s, masked_slope(v.c * v.inv_s), v.c);
     }
+
+    static Float g2(const Vector3f &wi, const Float &area_i, const Vector3f &wo,
+                    const Float &area_o, bool height_correlated) {
+        Float area = height_correlated ? dr::fmadd(area_i, wo.z(), wi.z() * (area_o - wo.z()))
+                                       : area_i * area_o;
+        return wi.z() * wo.z() / area;
+    }
+
+    // ------------------------------------------------------------------
+    //  Reflection
+    // ------------------------------------------------------------------
 
     /// Linear mixture of the rows `index` and `index + 1` of the visible-normal table.
     struct Row {
@@ -291,13 +320,144 @@ private:
         bool alone = false;
     };
 
+    /// A view, with what all that is asked about it shares.
+    struct View : Stretched {
+        Vector3f wi;
+        Float area;
+        Row row;
+        /// Radii beyond which nothing is reflected upwards, and up to which all azimuths are
+        Float far, near;
+        /// The share of radii that are drawn
+        Float share;
+
+        View(const SgtdDistribution &distr, const Vector3f &wi_)
+            : Stretched(distr, wi_), wi(wi_), area(distr.projected_area(*this)) {
+            row = distr.m_normals == Normals::All ? normal_row() : distr.row_of(*this);
+            if (distr.m_normals == Normals::Reflecting) {
+                distr.limit(*this);
+                share = distr.share_below(row, dr::square(far));
+            }
+        }
+    };
+
+    /**
+     * A facet reflects the view upwards if its slope is less than sec(theta) from that of the view:
+     * a disc in slopes, for one roughness also in stretched ones. For two, the radius is that of a
+     * circle around it.
+     */
+    void limit(View &view) const {
+        const Vector3f &w = view.wi;
+        Float cos         = dr::maximum(w.z(), LeastCos);
+        if (m_one_roughness) {
+            Float rest = 1.f + dr::safe_sqrt(dr::fmadd(w.x(), w.x(), dr::square(w.y())));
+            view.far   = rest / cos * m_inv_alpha_u;
+            view.near  = cos / rest * m_inv_alpha_u;
+        } else {
+            view.far = (dr::sqrt(dr::maximum(dr::square(w.x() * m_inv_alpha_u) +
+                                                 dr::square(w.y() * m_inv_alpha_v),
+                                             1e-20f)) +
+                        dr::maximum(m_inv_alpha_u, m_inv_alpha_v)) /
+                       cos;
+        }
+        view.far = dr::minimum(view.far, 1e15f);
+    }
+
+    /// Azimuths at the slope rho, whose square is `y`.
+    Azimuth<Float> azimuth(const View &view, const Float &y) const {
+        Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
+        if (m_normals != Normals::Reflecting || !m_one_roughness)
+            return { view.c, view.s * rho };
+        constexpr float Wider = 1.f + Margin;
+        Float far = Wider * view.far, near = Wider * view.near;
+        return Azimuth<Float>::within(
+            view.c, view.s * rho, (far - rho) * (rho + near), (rho + far) * (rho - near),
+            dr::fmadd(dr::square(m_alpha_u) * (1.f / Wider), y, 1.f - Margin));
+    }
+
+    /// Density of a facet under `sample`.
+    Float pdf(const View &view, const Facet &facet) const {
+        Float y = facet.square(), radial = radial_pdf(view.row, y), azimuthal;
+        if (m_normals == Normals::All) {
+            azimuthal = dr::InvPi<Float>;
+        } else {
+            Azimuth<Float> range = azimuth(view, y);
+            Float facing =
+                dr::fmadd(view.w.x(), facet.x, dr::fmadd(view.w.y(), facet.y, view.w.z()));
+            azimuthal = facing * range.inv_sum / range.mass;
+            if (m_normals == Normals::Reflecting)
+                azimuthal /= view.share;
+        }
+        Float stretched = radial * azimuthal;
+        return dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
+    }
+
+    Sample sample(const View &view, const Point2f &u) const {
+        Float sin_phi, cos_phi, azimuthal, radial, y;
+        if (m_normals == Normals::All) {
+            std::tie(y, radial)        = sample_radius(view.row, u.x());
+            std::tie(sin_phi, cos_phi) = dr::sincos(dr::TwoPi<Float> * u.y());
+            azimuthal                  = dr::InvPi<Float>;
+        } else {
+            bool bounded        = m_normals == Normals::Reflecting;
+            std::tie(y, radial) = sample_radius(view.row, bounded ? u.x() * view.share : u.x());
+            if (bounded)
+                radial /= view.share;
+            Azimuth<Float> range    = azimuth(view, y);
+            auto terms              = range.solve(1.f - dr::abs(dr::fmsub(2.f, u.y(), 1.f)));
+            auto [sin_rel, cos_rel] = range.sincos(terms);
+            sin_rel                 = dr::select(u.y() < .5f, -sin_rel, sin_rel);
+            // The azimuth is counted from that of the view
+            Float sin_view = dr::select(view.tilted, view.w.y() * view.inv_s, 0.f),
+                  cos_view = dr::select(view.tilted, view.w.x() * view.inv_s, 1.f);
+            sin_phi        = dr::fmadd(sin_view, cos_rel, cos_view * sin_rel);
+            cos_phi        = dr::fmsub(cos_view, cos_rel, sin_view * sin_rel);
+            azimuthal      = terms.slope / range.mass;
+        }
+
+        Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
+        Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
+        Float square = dr::squared_norm(m), cos = dr::rsqrt(square), sec = square * cos,
+              stretched = radial * azimuthal, root = m_tables.profile.sqrt_f(y),
+              d = density(root, square);
+        m *= cos;
+        Mask valid = stretched > 1e-36f && d > 1e-20f * sec;
+        // f / stretched: inside a ring both are so small that the derivative, which has the
+        // square of the divisor in it, would overflow
+        Float ratio = dr::square(root / dr::sqrt(dr::maximum(stretched, 1e-36f)));
+        return { Normal3f(m), dr::select(valid, stretched * solid_angle(sec), 0.f),
+                 dr::select(valid, m_tables.factor * ratio * sec, 0.f) };
+    }
+
+    template <bool Value, bool Pdf>
+    Reflected reflected(const View &view, const Vector3f &wo, bool height_correlated) const {
+        Reflected result{ Float(0.f), Float(0.f), Float(0.f) };
+        if constexpr (Value) {
+            result.d = eval(view.wi, wo);
+            result.g = g2(view.wi, view.area, wo, projected_area(wo), height_correlated);
+        }
+        if constexpr (Pdf)
+            result.pdf = pdf(view, Facet(*this, view.wi + wo));
+        return result;
+    }
+
+    ReflectionSample sample_reflection(const View &view, const Point2f &u,
+                                       bool height_correlated) const {
+        Sample drawn = sample(view, u);
+        Vector3f wo  = reflect(view.wi, drawn.m);
+        return { drawn, g2(view.wi, view.area, wo, projected_area(wo), height_correlated) };
+    }
+
+    // ------------------------------------------------------------------
+    //  Sampling: radius
+    // ------------------------------------------------------------------
+
     /**
      * Rows are spaced evenly in c / (c + s b).
      *
      * The distance from the last one is what is computed: far out in the tail the row before it
      * outweighs the last one even at a weight of 1e-4, which a difference from 1 would garble.
      */
-    Row row_of(const View &view) const {
+    Row row_of(const Stretched &view) const {
         Float sb = view.s * m_tables.scale, c = positive(view.c),
               r     = sb / dr::maximum(c + sb, 1e-18f) * (float)(Tables::Rows - 1);
         UInt32 back = dr::minimum(UInt32(dr::detach(r)), Tables::Rows - 2);
@@ -379,6 +539,12 @@ private:
             return mass * top / (width * dr::square(base));
         }
 
+        /// Mass below the fraction tau of the cell
+        Float below(const Float &tau) const {
+            Float rest = tau * (1.f - tau);
+            return mass * dr::fmadd(tau, tau, d0 * rest) / dr::fmadd(d0 + d1 - 2.f, rest, 1.f);
+        }
+
         /// The fraction tau of the cell below which `part` of its mass lies
         Float invert(const Float &part) const {
             Float q = share(part * inv_mass), k = d0 + d1 - 2.f, b = dr::fnmadd(q, k, d0),
@@ -421,10 +587,29 @@ private:
         return { dr::fmadd(tau, cell.width, knots.x()), dr::select(lost, 0.f, cell.density(tau)) };
     }
 
+    /// Where a slope is among the knots.
+    Place place_of(const Float &y) const {
+        return find([&](const UInt32 &k) { return knot_block(k); },
+                    [&](const Float &knot) { return knot <= y; });
+    }
+
+    /// The share of what `sample_radius` draws that is below y. Masses are counted from above, so
+    /// what is left of 1 cannot be smaller than LeastShare and still be divided; the rest is drawn
+    /// in vain.
+    Float share_below(const Row &row, const Float &y) const {
+        Place place  = place_of(y);
+        UInt32 index = (row.index + 1u) * Tables::RowSize + place.cell + Tables::Block;
+        Float above  = dr::gather<Float>(m_tables.visible, index);
+        if (!row.alone)
+            above = mix(row, above, dr::gather<Float>(m_tables.visible, index + Tables::RowSize));
+        Cell cell  = cell_at(row, place.cell, place.right - place.left);
+        Float part = cell.below(share((y - place.left) / cell.width));
+        return dr::maximum(1.f - above + dr::select(place.cell == LostCell, 0.f, part), LeastShare);
+    }
+
     /// Density of y under `sample_radius`.
     Float radial_pdf(const Row &row, const Float &y) const {
-        Place place = find([&](const UInt32 &k) { return knot_block(k); },
-                           [&](const Float &knot) { return knot <= y; });
+        Place place = place_of(y);
         Cell cell   = cell_at(row, place.cell, place.right - place.left);
         Float tau   = share((y - place.left) / cell.width);
         return dr::select(place.cell == LostCell, 0.f, cell.density(tau));
@@ -435,7 +620,8 @@ private:
     const Tables &m_tables;
     /// The roughness that was given, times its factor, and the inverse of that
     Float m_given_u, m_given_v, m_alpha_u, m_alpha_v, m_inv_alpha_u, m_inv_alpha_v;
-    bool m_sample_visible;
+    Normals m_normals;
+    bool m_one_roughness;
 };
 
 NAMESPACE_END(mitsuba)

@@ -19,8 +19,8 @@ NAMESPACE_BEGIN(mitsuba)
  *
  *     f_ms = F_ms (1 - E(w_i)) (1 - E(w_o)) / (pi (1 - E_avg))
  *
- * (Kelemen & Szirmay-Kalos 2001). `rust-core/src/scattering/albedo_table.rs` documents the table, and why its
- * coordinates are what they are. Scalar and JIT variants run the same code on it.
+ * (Kelemen & Szirmay-Kalos 2001). `rust-core/src/scattering/albedo_table.rs` documents the table,
+ * and why its coordinates are what they are. Scalar and JIT variants run the same code on it.
  */
 template <typename Float_> struct SgtdMultipleScattering {
     using Float       = Float_;

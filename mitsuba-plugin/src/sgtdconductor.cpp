@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "mitsuba_version.h"
+#include "ggx_reflection.h"
 #include "sgtd_bsdf.h"
 #include "sgtd_multiple_scattering.h"
 
@@ -106,6 +107,12 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
    - |boolean|
    - Draw from the visible normals, or from all normals. (Default: |true|)
 
+ * - sample_bounded
+   - |boolean|
+   - Of the visible normals, leave out those that reflect the view below the horizon, as far as a
+     bound in closed form goes: exact for one roughness, conservative for two. (Default: |true|,
+     but |false| where Mitsuba's own ``ggx`` and ``beckmann`` run)
+
  * - accuracy
    - |float|
    - Relative error of G1 that the masking table may have, 0 to 0.1. Scalar variants go down to
@@ -155,13 +162,13 @@ template <typename Float, typename Spectrum> class SgtdConductor final
     : public SgtdBSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
-                   m_sample_visible, m_height_correlated, m_builtin, m_ndf, m_node, m_tables,
-                   builtin, builtin_g2, changed, check_constant, constant, describe, roughness,
-                   to_stokes_bases, watch)
+                   m_sample_visible, m_sample_bounded, m_height_correlated, m_builtin, m_ndf,
+                   m_node, m_tables, builtin, builtin_g2, changed, check_constant, constant,
+                   describe, normals, roughness, to_stokes_bases, watch)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
-    SgtdConductor(const Properties &props) : Base(props) {
+    SgtdConductor(const Properties &props) : Base(props, true) {
         read_metal(props);
         m_multiple_scattering = props.get<bool>("multiple_scattering", false);
         m_colored             = m_specular_reflectance != nullptr;
@@ -218,9 +225,9 @@ public:
         Mask visible = active;
 
         Normal3f m;
-        UnpolarizedSpectrum weight;
+        Float weight;
         auto [alpha_u, alpha_v] = roughness(si, active);
-        if (m_builtin) {
+        if (mitsubas_own()) {
             MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
             std::tie(m, bs.pdf)          = distr.sample(si.wi, sample2);
             bs.wo                        = reflect(si.wi, m);
@@ -233,20 +240,13 @@ public:
                 weight = builtin_g2(distr, si.wi, bs.wo, m) * dr::dot(si.wi, m) /
                          (cos_theta_i * Frame3f::cos_theta(m));
         } else {
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
-            auto drawn = distr.sample(si.wi, sample2);
-            m          = drawn.m;
-            bs.pdf     = drawn.pdf;
-            bs.wo      = reflect(si.wi, m);
-            // A cosine below 1e-7 is the rounding of the reflection, its sign included
-            active &= bs.pdf > 0.f && Frame3f::cos_theta(bs.wo) > 1e-7f && dr::dot(si.wi, m) > 0.f;
-            weight = drawn.d_over_pdf * distr.G(si.wi, bs.wo, m, m_height_correlated) *
-                     dr::dot(si.wi, m) / cos_theta_i;
+            auto drawn          = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
+                return distr.sample_reflection(si.wi, sample2, m_height_correlated);
+            });
+            std::tie(m, weight) = take(drawn, si.wi, bs, active);
         }
 
-        bs.eta               = 1.f;
-        bs.sampled_component = 0;
-        bs.sampled_type      = +BSDFFlags::GlossyReflection;
+        describe_sample(bs);
         if (m_multiple_scattering) {
             // One of the lobes gives the direction, both of them its value and density
             auto surface = loss_surface(alpha_u, alpha_v);
@@ -260,13 +260,7 @@ public:
             return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
         }
 
-        // From normals to outgoing directions
-        bs.pdf /= 4.f * dr::dot(bs.wo, m);
-
-        Spectrum F = reflectance(ctx, si, bs.wo, m, active);
-        if (m_specular_reflectance)
-            weight *= m_specular_reflectance->eval(si, active);
-        return { bs, (F * weight) & active };
+        return { bs, color_sample(ctx, si, bs, m, weight, active) };
     }
 
     Spectrum eval(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
@@ -285,6 +279,31 @@ public:
                                         const Vector3f &wo, Mask active) const override {
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFEvaluate, active);
         return evaluate<true, true>(ctx, si, wo, active);
+    }
+
+    /// One look at what depends on the view alone, which evaluation and sample share.
+    std::tuple<Spectrum, Float, BSDFSample3f, Spectrum>
+    eval_pdf_sample(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
+                    Float sample1, const Point2f &sample2, Mask active) const override {
+        if (mitsubas_own() || m_multiple_scattering || !ctx.is_enabled(BSDFFlags::GlossyReflection))
+            return Base::eval_pdf_sample(ctx, si, wo, sample1, sample2, active);
+        MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
+
+        BSDFSample3f bs = dr::zeros<BSDFSample3f>();
+        active &= Frame3f::cos_theta(si.wi) > 0.f;
+        if (unlikely(dr::none_or<false>(active)))
+            return { 0.f, 0.f, bs, 0.f };
+        auto [alpha_u, alpha_v] = roughness(si, active);
+        Vector3f half           = dr::normalize(wo + si.wi);
+        Mask lit                = active && reflects(si.wi, wo, half);
+        auto [at, drawn]        = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
+            return distr.reflected_and_sample(si.wi, wo, sample2, m_height_correlated);
+        });
+        auto [value, pdf] =
+            color<true, true>(ctx, si, wo, half, at.d, at.g, to_outgoing(at.pdf, wo, half), lit);
+        auto [m, weight] = take(drawn, si.wi, bs, active);
+        describe_sample(bs);
+        return { value, pdf, bs, color_sample(ctx, si, bs, m, weight, active) };
     }
 
     std::string to_string() const override {
@@ -381,22 +400,69 @@ private:
         return m_losses.surface(least(alpha_u), least(alpha_v));
     }
 
+    /// Does Mitsuba's own distribution run, with its own sampling?
+    bool mitsubas_own() const { return m_builtin && !m_sample_bounded; }
+
+    /// Calls with the distribution of ours that runs.
+    template <typename Call>
+    auto with_distribution(const Float &alpha_u, const Float &alpha_v, const Call &call) const {
+        if (m_builtin)
+            return call(GgxReflection<Float, Spectrum>(alpha_u, alpha_v));
+        return call(Distribution(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic));
+    }
+
+    /// Is the facet `m` seen from its front side from both directions?
+    static Mask reflects(const Vector3f &wi, const Vector3f &wo, const Vector3f &m) {
+        return Frame3f::cos_theta(wi) > 0.f && Frame3f::cos_theta(wo) > 0.f &&
+               dr::dot(wi, m) > 0.f && dr::dot(wo, m) > 0.f;
+    }
+
+    /// From the density of normals to that of outgoing directions.
+    static Float to_outgoing(const Float &pdf, const Vector3f &wo, const Vector3f &m) {
+        return pdf / (4.f * dr::maximum(dr::dot(wo, m), 1e-18f));
+    }
+
+    /// Takes over a normal that was drawn; returns it with the weight of a perfect mirror.
+    template <typename Drawn> static std::pair<Normal3f, Float>
+    take(const Drawn &drawn, const Vector3f &wi, BSDFSample3f &bs, Mask &active) {
+        Float facing = dr::dot(wi, drawn.m);
+        bs.pdf       = drawn.pdf;
+        bs.wo        = reflect(wi, drawn.m);
+        // A cosine below 1e-7 is the rounding of the reflection, its sign included
+        active &= drawn.pdf > 0.f && Frame3f::cos_theta(bs.wo) > 1e-7f && facing > 0.f;
+        return { drawn.m, drawn.d_over_pdf * drawn.g * facing / Frame3f::cos_theta(wi) };
+    }
+
+    static void describe_sample(BSDFSample3f &bs) {
+        bs.eta               = 1.f;
+        bs.sampled_component = 0;
+        bs.sampled_type      = +BSDFFlags::GlossyReflection;
+    }
+
+    /// The weight of a sample in color; makes its density that of the direction.
+    Spectrum color_sample(const BSDFContext &ctx, const SurfaceInteraction3f &si, BSDFSample3f &bs,
+                          const Normal3f &m, const Float &weight, Mask active) const {
+        bs.pdf /= 4.f * dr::dot(bs.wo, m);
+        Spectrum F                 = reflectance(ctx, si, bs.wo, m, active);
+        UnpolarizedSpectrum result = weight;
+        if (m_specular_reflectance)
+            result *= m_specular_reflectance->eval(si, active);
+        return (F * result) & active;
+    }
+
     /// The value of the BSDF times the cosine, and the density of `wo` under sample().
     template <bool Value, bool Pdf>
     std::pair<Spectrum, Float> evaluate(const BSDFContext &ctx, const SurfaceInteraction3f &si,
                                         const Vector3f &wo, Mask active) const {
-        Float cos_theta_i = Frame3f::cos_theta(si.wi), cos_theta_o = Frame3f::cos_theta(wo);
-        Vector3f m = dr::normalize(wo + si.wi);
-        // A facet is seen from its front side from both directions
-        active &= cos_theta_i > 0.f && cos_theta_o > 0.f && dr::dot(si.wi, m) > 0.f &&
-                  dr::dot(wo, m) > 0.f;
+        Float cos_theta_i = Frame3f::cos_theta(si.wi);
+        Vector3f m        = dr::normalize(wo + si.wi);
+        active &= reflects(si.wi, wo, m);
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
             return { 0.f, 0.f };
-        Mask visible = active;
 
         Float D = 0.f, G = 0.f, pdf = 0.f;
         auto [alpha_u, alpha_v] = roughness(si, active);
-        if (m_builtin) {
+        if (mitsubas_own()) {
             MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
             if constexpr (Value || Pdf)
                 D = distr.eval(m);
@@ -406,22 +472,35 @@ private:
                 pdf = m_sample_visible ? D * distr.smith_g1(si.wi, m) / (4.f * cos_theta_i)
                                        : distr.pdf(si.wi, m) / (4.f * dr::dot(wo, m));
         } else {
-            // Products of denormal cosines are 0, and their quotients not a number
-            active &= dr::minimum(cos_theta_i, cos_theta_o) > 1e-30f;
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
-            if constexpr (Value) {
-                D = distr.eval(si.wi, wo);
-                G = distr.G(si.wi, wo, m, m_height_correlated);
-            }
+            auto at = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
+                return distr.template reflected<Value, Pdf>(si.wi, wo, m_height_correlated);
+            });
+            D       = at.d;
+            G       = at.g;
             if constexpr (Pdf)
-                pdf = distr.pdf(si.wi, m) / (4.f * dr::maximum(dr::dot(wo, m), 1e-18f));
+                pdf = to_outgoing(at.pdf, wo, m);
         }
+        auto result = color<Value, Pdf>(ctx, si, wo, m, D, G, pdf, active);
+        if (m_multiple_scattering)
+            add_multiple_scattering<Value, Pdf>(si, wo, alpha_u, alpha_v, active, result.first,
+                                                result.second);
+        return result;
+    }
 
+    /// Value and density in color, from D, masking and density at the facet `m`.
+    template <bool Value, bool Pdf>
+    std::pair<Spectrum, Float> color(const BSDFContext &ctx, const SurfaceInteraction3f &si,
+                                     const Vector3f &wo, const Vector3f &m, const Float &D,
+                                     const Float &G, const Float &pdf, Mask active) const {
+        Float cos_theta_i = Frame3f::cos_theta(si.wi);
+        if (!mitsubas_own())
+            // Products of denormal cosines are 0, and their quotients not a number
+            active &= dr::minimum(cos_theta_i, Frame3f::cos_theta(wo)) > 1e-30f;
         Spectrum value(0.f);
         if constexpr (Value) {
             UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
             Mask lit                   = active && D != 0.f;
-            if (m_builtin)
+            if (mitsubas_own())
                 active = lit;
             else // within 1e-18 of grazing, D and 1/cos leave single precision
                 lit &= dr::all(dr::isfinite(result));
@@ -430,12 +509,9 @@ private:
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
         }
-        if (!m_builtin)
+        if (!mitsubas_own())
             active &= dr::isfinite(pdf);
-        pdf = dr::select(active, pdf, 0.f);
-        if (m_multiple_scattering)
-            add_multiple_scattering<Value, Pdf>(si, wo, alpha_u, alpha_v, visible, value, pdf);
-        return { value, pdf };
+        return { value, dr::select(active, pdf, 0.f) };
     }
 
     /// Adds the lobe that returns what single scattering loses, and the density of its samples.
@@ -468,7 +544,7 @@ private:
         // Mitsuba's own distributions stay what they are in roughconductor, to the last operation.
         auto cosine = [&](const Vector3f &w) {
             Float c = dr::dot(w, m);
-            return UnpolarizedSpectrum(m_builtin ? c : dr::maximum(c, 1e-10f));
+            return UnpolarizedSpectrum(mitsubas_own() ? c : dr::maximum(c, 1e-10f));
         };
         if constexpr (is_polarized_v<Spectrum>) {
             // Light comes from wo, and an adjoint query swaps the two directions

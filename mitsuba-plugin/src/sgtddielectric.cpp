@@ -85,12 +85,12 @@ template <typename Float, typename Spectrum> class SgtdDielectric final
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
                    m_sample_visible, m_height_correlated, m_builtin, m_ndf, m_tables, builtin,
-                   builtin_g2, changed, check_constant, describe, restore, roughness,
+                   builtin_g2, changed, check_constant, describe, normals, restore, roughness,
                    to_stokes_bases, watch)
     MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
     using Distribution = SgtdDistribution<Float, Spectrum>;
 
-    SgtdDielectric(const Properties &props) : Base(props) {
+    SgtdDielectric(const Properties &props) : Base(props, false) {
         for (const char *name : { "specular_reflectance", "specular_transmittance" })
             check_constant(props, name);
         if (props.has_property("specular_reflectance"))
@@ -238,7 +238,7 @@ public:
                                                : distr.smith_g1(wo, m);
                 });
         } else {
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
+            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic);
             auto drawn = distr.sample(wi, sample2);
             active &= dr::dot(wi, drawn.m) > 0.f;
             return finish(
@@ -437,7 +437,7 @@ private:
             // Products of denormal cosines are 0, and their quotients not a number
             active &= dr::minimum(cos_i, dr::abs(cos_o)) > 1e-30f;
             Vector3f wi = dr::mulsign(si.wi, side);
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, m_sample_visible);
+            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic);
             if constexpr (Value) {
                 D = distr.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(Vector3f(wo * scale), h.z()));
                 G = masking(distr, wi, wo, m, reflected);

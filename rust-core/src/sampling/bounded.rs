@@ -9,10 +9,17 @@
 //! With two roughnesses the disc is stretched to an ellipse. Its farthest point is at most `|t| + sec θ/min(α_u, α_v)` away, t the stretched slope of
 //! the view; the azimuths of one radius are no interval any more, so they are not limited.
 //!
-//! Both limits are exact, so the density of what is drawn is that of visible normals divided by the share that is left. Smith's visible normals draw
+//! The azimuths are those of a disc that is a little larger: at the rim of the disc itself their range ends, and a direction in single precision does
+//! not tell any more how wide it is.
+//!
+//! Up to that both limits are exact, so the density of what is drawn is that of visible normals divided by the share that is left. Smith's visible normals draw
 //! 30 to 70 % of all reflections of heavy tails below the horizon.
 
 use glam::DVec3;
+
+/// By how much the disc of the azimuths is enlarged. A smaller disc makes densities of single precision uncertain (1e-7 divided by this), a
+/// larger one draws in vain (about this share).
+pub const MARGIN: f64 = 1.0 / 512.0;
 
 /// The limits of one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,15 +52,17 @@ impl Horizon {
         self.near < f64::INFINITY
     }
 
-    /// `1 − κ` and `1 + κ`, both times the same positive number; the second is below 0 where no azimuth is cut off.
+    /// `1 − κ` and `1 + κ` of the enlarged disc, both times the same positive number; the second is below 0 where no azimuth is cut off.
     #[inline]
     pub(crate) fn complements(&self, rho: f64) -> (f64, f64) {
-        ((self.far - rho) * (rho + self.near), (rho + self.far) * (rho - self.near))
+        let (far, near) = ((1.0 + MARGIN) * self.far, (1.0 + MARGIN) * self.near);
+        ((far - rho) * (rho + near), (rho + far) * (rho - near))
     }
 
-    /// `1 + tan²` of the facet of stretched slope ρ.
+    /// `2 (1 + κ ρ tan θ)` for the slope that ρ stands for: the derivative of [`crate::sampling::azimuth`] at its far end in units of c/2, without
+    /// cancellation.
     #[inline]
     pub(crate) fn rise(&self, rho: f64) -> f64 {
-        1.0 + (rho / self.far) * (rho / self.near)
+        1.0 - MARGIN + rho * rho / (self.far * self.near * (1.0 + MARGIN))
     }
 }
