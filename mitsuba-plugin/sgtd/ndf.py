@@ -174,12 +174,15 @@ class Ndf:
             raise ValueError(f'masking "{masking}" is unknown: choose one of {", ".join(_MASKINGS)}')
         return self._eval(f"g2_{name}", wi=wi, wo=wo)
 
-    def pdf(self, wi: ArrayLike, m: ArrayLike, visible: bool = True) -> Array:
+    def pdf(self, wi: ArrayLike, m: ArrayLike, visible: bool = True, bounded: bool = False) -> Array:
         """Density per solid angle of the normals ``m`` (..., 3) that :meth:`sample` draws for a view ``wi`` (..., 3)."""
-        return self._eval("pdf_visible" if visible else "pdf_projected", wi=wi, m=m)
+        return self._eval(f"pdf_{_normals(visible, bounded)}", wi=wi, m=m)
 
-    def sample(self, wi: ArrayLike, u: ArrayLike, visible: bool = True) -> tuple[Array, Array]:
+    def sample(self, wi: ArrayLike, u: ArrayLike, visible: bool = True, bounded: bool = False) -> tuple[Array, Array]:
         """Draws normals: those visible from ``wi`` (..., 3), or all of D cos(theta), by random numbers ``u`` (..., 2) in [0, 1).
+
+        ``bounded`` leaves out visible normals that reflect the view below the horizon: all of them for one roughness, those beyond
+        a radius for two. Use it for reflections; refraction needs the others as well.
 
         Returns normals (..., 3) and their densities (...), which are those of :meth:`pdf`; a density of 0 marks a sample that no
         reflection can use.
@@ -189,7 +192,7 @@ class Ndf:
         if _core.first_outside(numbers, 0.0, np.nextafter(1.0, 0.0)) < numbers.size:
             raise ValueError("u: all numbers must be in [0, 1)")
         shape, views, numbers = _together(wi=views, u=numbers)
-        query = "sample_visible" if visible else "sample_projected"
+        query = f"sample_{_normals(visible, bounded)}"
         normals, pdf = np.split(self._core.eval(query, *self._stretch, views, numbers), [views.size])
         return normals.reshape((*shape, 3)), pdf.reshape(shape)
 
@@ -304,3 +307,12 @@ def _together(**arrays: Array) -> tuple[Any, ...]:
         raise ValueError(f"the shapes do not go together: {listing}") from None
     full = (np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays.values())
     return (shape, *(np.ascontiguousarray(array) for array in full))
+
+
+def _normals(visible: bool, bounded: bool) -> str:
+    """The core's name for the normals that are drawn."""
+    if bounded and not visible:
+        raise ValueError(
+            "bounded=True and visible=False are given together: it is the visible normals that can be bounded"
+        )
+    return "reflecting" if bounded else "visible" if visible else "projected"

@@ -3,7 +3,7 @@
 //! A new function for arrays is one line in [`QUERIES`]. Everything above (the bridge, the Python module) asks by name.
 
 use crate::error::ParameterError;
-use crate::ndf::{Ndf, Roughness, Shadowing};
+use crate::ndf::{Ndf, Normals, Roughness, Shadowing};
 use crate::profile::Profile;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -103,7 +103,9 @@ pub const QUERIES: &[Query] = &[
     pair!("g2_height_correlated", |ndf: &Ndf, alpha, wi, wo| ndf.g2(alpha, wi, wo, Shadowing::HeightCorrelated)),
     pair!("pdf_visible", Ndf::pdf_visible),
     pair!("pdf_projected", |ndf: &Ndf, alpha, _, m| ndf.pdf_projected(alpha, m)),
+    pair!("pdf_reflecting", |ndf: &Ndf, alpha, wi, m| ndf.pdf(alpha, wi, m, Normals::Reflecting)),
     sampler!("sample_visible", Ndf::sample_visible),
+    sampler!("sample_reflecting", |ndf: &Ndf, alpha, wi, u| ndf.sample(alpha, wi, u, Normals::Reflecting)),
     sampler!("sample_projected", |ndf: &Ndf, alpha, _, u| ndf.sample_projected(alpha, u)),
 ];
 
