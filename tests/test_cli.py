@@ -395,6 +395,7 @@ FAILURES = {
     "unknown integrator": ("render", "gold.xml", "-o", "a.png", "--integrator", "paht", *SCALAR),
     "integrator without value": ("render", "gold.xml", "-o", "a.png", "--integrator", "path:max_depth", *SCALAR),
     "a picture is a folder": ("compare", "gold.xml", "-o", "taken", *SCALAR),
+    "integrator for JIT variants": ("render", "gold.xml", "-o", "a.png", "--integrator", "prb", *SCALAR),
     "old property": ("compare", "old.xml", "-o", "out", *SCALAR),
 }
 
@@ -425,7 +426,8 @@ SAYS = {
     "unknown integrator": "paht",
     "integrator without value": "path:max_depth=8",
     "a picture is a folder": "comparison.png: it is a folder",
-    "old property": "sharpness",
+    "old property": "--lenient only warns",
+    "integrator for JIT variants": "this is scalar_rgb",
 }
 
 

@@ -100,8 +100,8 @@ def test_one_pixel_decides_nothing():
 def test_the_rule_says_what_it_does():
     gray = np.full((8, 8, 3), 0.1)
     exposure = exposure_for(gray)
-    assert exposure.stops == pytest.approx(1 / 3)  # 0.1 becomes 0.12
-    assert exposure.rule == "the log-average of its lit pixels is at about 12 % of white"
+    assert exposure.stops == pytest.approx(1.0)  # 0.1 becomes 0.2
+    assert exposure.rule == "the log-average of its lit pixels is at about 18 % of white"
     assert exposure_for(room(100.0, 0.25)).rule == "the median of its lit pixels is at about 4 % of white"
     highlights = np.full((10, 10, 3), 0.1)
     highlights[:, 0] = 0.3
@@ -217,7 +217,7 @@ def test_a_sampler_with_structure_is_said(compare, scene, sampler):
     scene.write_text(SCENE.replace('type="independent"', f'type="{sampler}"'))
     status, out, _, report = compare(scene, "-s", "gamma=3", "--spp", 16)
     assert (status, report["passes"], report["samples_per_pixel"]) == (0, 1, 16)
-    assert "keep their structure in one pass" in out
+    assert "keeps its structure in one pass" in out
     assert "RMSE, noise alone" in out
 
 

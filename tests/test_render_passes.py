@@ -119,6 +119,7 @@ def test_a_spectral_film_is_shown_as_the_mean_of_its_bands(bands):
     (result,) = render([built], 0, 64, lambda _: None)
     image, reference = (np.reshape(a, (8, 8, bands)) for a in (np.array(result.bitmap, float), one_pass(built, 64)))
     assert image.mean((0, 1)) == pytest.approx(reference.mean((0, 1)), rel=0.1)
+    assert result.bands == bands
     assert result.rgb()[..., 0] == pytest.approx(image.mean(axis=2), rel=1e-5)
 
 
@@ -151,7 +152,7 @@ def test_a_sampler_with_structure_renders_in_one_pass(variant, sampler):
     built = scene(sampler=sampler)
     (result,) = render([built], 0, 16, lambda _: None)
     assert (result.passes, result.halves, result.structure) == (1, None, built.sensors()[0].sampler().class_name())
-    assert "keep their structure in one pass" in result.sampling_note()
+    assert "keeps its structure in one pass" in result.sampling_note()
     built.integrator().render(built, built.sensors()[0], seed=0, spp=16)
     assert np.array(result.bitmap) == pytest.approx(np.array(built.sensors()[0].film().bitmap()), rel=1e-5, abs=1e-6)
 

@@ -103,13 +103,14 @@ def labels(report: Report) -> Labels:
     how = f"Mitsuba {report.mitsuba}, {report.variant}, {left.spp} samples per pixel, same seeds."
     how += f"  Time {seconds_text(left.timing)} and {seconds_text(right.timing)}"
     how += f", {compiling}." if left.timing.compiles else "."
+    bands = f"The film has {left.bands} spectral bands: their mean is shown and measured." if left.bands else ""
     # what is not finite is explained beside its color
     verdict = "" if result.any_bad else report.verdict()
     return Labels(
         title=f"{report.name}: the same materials and roughness, another distribution of microfacets",
         left=side_text(report.pair, "left"),
         right=side_text(report.pair, "right"),
-        footer=tuple(line for line in (numbers, how, left.sampling_note(), verdict) if line),
+        footer=tuple(line for line in (numbers, how, left.sampling_note(), bands, verdict) if line),
     )
 
 

@@ -21,7 +21,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # nor corners that hardly any light reaches decide. Then it is lowered until no more than EXPOSURE_CLIPPED of the lit
 # pixels are clipped at white, so that highlights keep their shape; but their median stays at EXPOSURE_MEDIAN, or a
 # room with a window would be black. A larger median clips the highlights of dark scenes, a smaller one darkens rooms.
-EXPOSURE_KEY = 0.12
+EXPOSURE_KEY = 0.18
 EXPOSURE_CLIPPED = 0.02
 EXPOSURE_MEDIAN = 0.04
 

@@ -22,6 +22,9 @@ _PARSER_ARGUMENTS = ("config", "filename")
 # The names in "Found unused parameters: - $width=3 ...".
 _UNUSED = re.compile(r"- \$(\w+)=")
 
+# Mitsuba's integrators that are written in Python.
+_TRACED_INTEGRATORS = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic")
+
 # An include of an include of ...: as deep as Mitsuba's parser goes.
 _INCLUDE_DEPTH = 15
 
@@ -126,13 +129,26 @@ class SceneGraph:
         import mitsuba as mi
 
         parser = mi.parser
-        with _file_resolver(self._resolver), mitsuba_errors():
-            parser.transform_resolve(self._config, self._state)
-            parser.transform_merge_equivalent(self._config, self._state)
-            scene = parser.instantiate(self._config, self._state)
+        try:
+            with _file_resolver(self._resolver), mitsuba_errors():
+                parser.transform_resolve(self._config, self._state)
+                parser.transform_merge_equivalent(self._config, self._state)
+                scene = parser.instantiate(self._config, self._state)
+        except UserError as error:
+            raise UserError(f"{error}{_mend(str(error), mi.variant())}") from error
         if not isinstance(scene, mi.Scene):
             raise UserError(f"{self.path} describes no <scene>")
         return scene
+
+
+def _mend(message: str, variant: str) -> str:
+    """What could help against an error of Mitsuba's, to be said behind it."""
+    if "unreferenced propert" in message:
+        return " (for old scenes, --lenient only warns of those)"
+    missing = re.search(r'Plugin "(\w+)" not found', message)
+    if missing and variant.startswith("scalar_") and missing[1] in _TRACED_INTEGRATORS:
+        return f" (it is for JIT variants, and this is {variant})"
+    return ""
 
 
 def check_scene_file(path: Path) -> None:

@@ -12,6 +12,7 @@ pass with all samples would give. Two things need care:
 
 from __future__ import annotations
 
+import re
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -68,10 +69,16 @@ class Rendering:
         """One sentence on what the sampler's structure means for this image; "" for independent samples."""
         if not self.structure:
             return ""
-        name = self.structure.removesuffix("Sampler")
+        name = re.sub(r"(?<!^)(?=[A-Z])", " ", self.structure).lower()  # "LowDiscrepancySampler"
         if self.passes > 1:
-            return f"{name} samples have their structure within each of {self.passes} passes only, as memory asks for."
-        return f"{name} samples keep their structure in one pass, which tells nothing of its noise."
+            return f"The {name} has its structure within each of {self.passes} passes only, as memory asks for."
+        return f"The {name} keeps its structure in one pass, which tells nothing of its noise."
+
+    @property
+    def bands(self) -> int:
+        """Of a spectral film, which is shown as their mean; 0 for a film of colors."""
+        bands = _bands(self.bitmap)
+        return 0 if bands is None else bands.shape[2]
 
 
 class Plan(Sequence[int]):
@@ -228,14 +235,26 @@ def to_rgb(bitmap: Any) -> np.ndarray:
     """Any bitmap that a film develops, as linear sRGB in double precision; bands of a spectral film as their mean."""
     import mitsuba as mi
 
+    bands = _bands(bitmap)
+    if bands is not None:
+        return np.repeat(bands.mean(axis=2, keepdims=True), 3, axis=2)
     if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
         bitmap = bitmap.split()[0][1]
-    if bitmap.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
-        width, height = bitmap.size()
-        bands = np.array(bitmap, dtype=np.float64).reshape(height, width, -1)
-        return np.repeat(bands.mean(axis=2, keepdims=True), 3, axis=2)
     rgb = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
     return np.array(rgb, dtype=np.float64)
+
+
+def _bands(bitmap: Any) -> np.ndarray | None:
+    """The bands of a spectral film's bitmap (height, width, bands); None of one with colors."""
+    import mitsuba as mi
+
+    if bitmap.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
+        return None
+    first = bitmap.split()[0][1]
+    if first.pixel_format() != mi.Bitmap.PixelFormat.MultiChannel:
+        return None
+    width, height = first.size()
+    return np.array(first, dtype=np.float64).reshape(height, width, -1)
 
 
 def save(bitmap: Any, path: Path) -> None:
