@@ -198,10 +198,10 @@ def compare_images(left: Rendering, right: Rendering, exposure: float | None = N
         bad=(bad[0], bad[1]),
         stops=stops_between(a, b, floor),
         flip_map=flip_map,
-        rmse_noise=noise and noise.rmse / math.sqrt(part),
-        rmse_beyond_noise=noise and noise.rmse_beyond / math.sqrt(part),
-        flip_noise=noise and noise.flip / part,
-        stops_noise=noise and noise.stops / math.sqrt(part),
+        rmse_noise=None if noise is None else noise.rmse / math.sqrt(part),
+        rmse_beyond_noise=None if noise is None else noise.rmse_beyond / math.sqrt(part),
+        flip_noise=None if noise is None else noise.flip / part,
+        stops_noise=None if noise is None else noise.stops / math.sqrt(part),
     )
 
 

@@ -81,7 +81,7 @@ class Report:
             *self._times(),
         ]
         if result.any_bad:
-            rows.append(Row("pixels not finite", *map(float, result.not_finite)))
+            rows.append(Row("pixels not finite", float(result.not_finite[0]), float(result.not_finite[1])))
         return rows
 
     def _times(self) -> list[Row]:
@@ -94,11 +94,11 @@ class Report:
         lines[0] = replace(lines[0], ratio=_round(between, quartiles(found)))
         if left.quartiles and right.quartiles:
             for which, quartile in enumerate(("lower", "upper")):
-                ends = [_round(side.quartiles and side.quartiles[which], side.quartiles) for side in (left, right)]
+                a = _round(left.quartiles[which], left.quartiles)
+                b = _round(right.quartiles[which], right.quartiles)
                 spread = quartiles(found)
-                lines.append(
-                    Row(f"time, {quartile} quartile", *ends, None, _round(spread and spread[which], spread), "s")
-                )
+                ratio = _round(spread[which], spread) if spread else None
+                lines.append(Row(f"time, {quartile} quartile", a, b, None, ratio, "s"))
         lines.append(Row(_COMPILING, _round(left.compiling, None), _round(right.compiling, None), unit="s"))
         return lines
 
