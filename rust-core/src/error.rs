@@ -65,6 +65,38 @@ pub enum ParameterError {
         /// The names there are, separated by commas.
         known: String,
     },
+    /// No such name.
+    #[error("parameter \"{name}\" is \"{given}\", but must be one of {known}")]
+    UnknownName {
+        /// The parameter as the user writes it.
+        name: &'static str,
+        /// What was given.
+        given: String,
+        /// The names there are, separated by commas.
+        known: &'static str,
+    },
+    /// A number in a table.
+    #[error("\"{name}\" in row {row} is {value}, but must {must}: {mend}")]
+    Row {
+        /// The column.
+        name: &'static str,
+        /// The row, counted from 1.
+        row: usize,
+        /// The value that was given.
+        value: f64,
+        /// What it must be or do.
+        must: &'static str,
+        /// What to do about it.
+        mend: &'static str,
+    },
+    /// A table as a whole.
+    #[error("the table {problem}: {mend}")]
+    Table {
+        /// What is wrong with it.
+        problem: String,
+        /// What to do about it.
+        mend: &'static str,
+    },
     /// Arrays of a batch call that do not fit each other.
     #[error("array \"{name}\" has {found} numbers, but {expected} are needed")]
     Length {

@@ -7,9 +7,10 @@ use crate::error::{ParameterError, require};
 use crate::masking::table::{FINEST_SINGLE, LambdaTable};
 use crate::masking::{MaskingIntegral, Rule};
 use crate::numerics::greatest;
-use crate::profile::Profile;
+use crate::profile::{Coordinate, Profile};
 use crate::sampling::azimuth::Azimuth;
 use crate::sampling::bounded::Horizon;
+use crate::sampling::coordinate;
 use crate::sampling::visible_table::{Mixture, VisibleTable};
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -69,6 +70,7 @@ pub struct Ndf {
     profile: Box<dyn Profile>,
     lambda_table: LambdaTable,
     visible_table: VisibleTable,
+    coordinate: Coordinate,
     /// present at accuracy 0
     quadrature: Option<MaskingIntegral>,
     accuracy: f64,
@@ -152,7 +154,8 @@ impl Ndf {
         let visible_table = tabulate(profile.as_ref(), &masking);
         let factor = profile.normalization() / PI;
         let quadrature = (accuracy == 0.0).then_some(masking);
-        Ok(Self { profile, lambda_table, visible_table, quadrature, accuracy, factor })
+        let coordinate = profile.coordinate();
+        Ok(Self { profile, lambda_table, visible_table, coordinate, quadrature, accuracy, factor })
     }
 
     /// The radial profile.
@@ -281,7 +284,11 @@ impl Ndf {
             Normals::All | Normals::Visible => (None, 1.0),
             Normals::Reflecting => {
                 let horizon = Horizon::new((alpha.u, alpha.v), wi);
-                let share = self.visible_table.share_below(mixture, horizon.square());
+                let greatest = match self.coordinate {
+                    Coordinate::Square => horizon.square(),
+                    Coordinate::Odds => coordinate::of_slope(self.profile.as_ref(), horizon.square().sqrt()),
+                };
+                let share = self.visible_table.share_below(mixture, greatest);
                 (Some(horizon), share)
             }
         };
@@ -308,6 +315,37 @@ impl Ndf {
         self.view(alpha, wi, normals).map_or(INVALID, |view| view.sample(u))
     }
 
+    /// Draws a stretched slope; its f, and its density per dρ².
+    #[inline]
+    fn sample_radius(&self, mixture: Mixture, u: f64) -> Option<(f64, f64, f64)> {
+        let (y, density) = self.visible_table.sample(mixture, u)?;
+        match self.coordinate {
+            Coordinate::Square => {
+                let rho = y.sqrt();
+                Some((rho, self.shape_factor(rho), density))
+            }
+            Coordinate::Odds => {
+                let profile = self.profile.as_ref();
+                let rho = coordinate::slope(profile, y);
+                let f = self.shape_factor(rho);
+                Some((rho, f, density * coordinate::stretch(profile, y, f)))
+            }
+        }
+    }
+
+    /// Density per dρ² of what [`Ndf::sample_radius`] draws.
+    #[inline]
+    fn radial_density(&self, mixture: Mixture, rho: f64) -> f64 {
+        match self.coordinate {
+            Coordinate::Square => self.visible_table.density(mixture, rho * rho),
+            Coordinate::Odds => {
+                let profile = self.profile.as_ref();
+                let y = coordinate::of_slope(profile, rho);
+                self.visible_table.density(mixture, y) * coordinate::stretch(profile, y, self.shape_factor(rho))
+            }
+        }
+    }
+
     /// Density per solid angle of the normals that [`Ndf::sample_projected`] draws: D·cos θ_m up to the spline.
     pub fn pdf_projected(&self, alpha: Roughness, m: DVec3) -> f64 {
         if m.z <= 0.0 {
@@ -317,21 +355,22 @@ impl Ndf {
             return self.d(alpha, m) * m.z;
         }
         let rho = norm(m.x / alpha.u, m.y / alpha.v) / m.z;
-        let radial = self.visible_table.density(self.visible_table.unseen(), rho * rho);
+        let radial = self.radial_density(self.visible_table.unseen(), rho);
         finite(radial / PI / (alpha.u * alpha.v * m.z * m.z * m.z))
     }
 
     /// Draws a normal from D·cos θ_m, whatever the view.
     pub fn sample_projected(&self, alpha: Roughness, u: (f64, f64)) -> NormalSample {
-        let (rho, area_density) = if self.accuracy == 0.0 {
+        let (rho, f, area_density) = if self.accuracy == 0.0 {
             let rho = self.profile.quantile(u.0);
-            (rho, self.factor * self.profile.f(rho))
+            let f = self.profile.f(rho);
+            (rho, f, self.factor * f)
         } else {
-            let Some((y, radial)) = self.visible_table.sample(self.visible_table.unseen(), u.0) else { return INVALID };
-            (y.sqrt(), radial / PI)
+            let Some((rho, f, radial)) = self.sample_radius(self.visible_table.unseen(), u.0) else { return INVALID };
+            (rho, f, radial / PI)
         };
         let (sin, cos) = (2.0 * PI * u.1).sin_cos();
-        self.finish(alpha, (rho * cos, rho * sin), area_density, self.shape_factor(rho) / area_density)
+        self.finish(alpha, (rho * cos, rho * sin), area_density, f / area_density)
     }
 
     /// The normal of a stretched slope drawn with the given density per slope area; f divided by that density.
@@ -365,7 +404,7 @@ impl View<'_> {
         if facing <= 0.0 {
             return 0.0;
         }
-        let radial = self.ndf.visible_table.density(self.mixture, rho * rho);
+        let radial = self.ndf.radial_density(self.mixture, rho);
         if radial == 0.0 {
             return 0.0;
         }
@@ -378,11 +417,10 @@ impl View<'_> {
         if self.normals == Normals::All {
             return self.ndf.sample_projected(self.alpha, u);
         }
-        let Some((y, radial)) = self.ndf.visible_table.sample(self.mixture, u.0 * self.share) else { return INVALID };
-        let rho = y.sqrt();
+        let Some((rho, f, radial)) = self.ndf.sample_radius(self.mixture, u.0 * self.share) else { return INVALID };
         let radial = radial / self.share;
         // before the azimuth, which does not need it: the processor then works on both
-        let f_over_density = self.ndf.shape_factor(rho) / (2.0 * radial);
+        let f_over_density = f / (2.0 * radial);
         let azimuth = self.azimuth(rho).sample(u.1);
         if !(azimuth.share > 0.0) {
             return INVALID;

@@ -144,7 +144,7 @@ fn visible_normals_are_drawn_from_their_pdf() {
                 &what,
                 alpha,
                 view(alpha, w).towards,
-                (&ring_edges(ndf.profile(), &masking), &ndf.visible_table().slopes()),
+                (&ring_edges(ndf.profile(), &masking), ndf.visible_table().slopes()),
                 u64::from(seed),
                 &|m| ndf.pdf_visible(alpha, w, m),
                 &|u| ndf.sample_visible(alpha, w, u),
@@ -170,7 +170,7 @@ fn projected_normals_are_drawn_from_their_pdf() {
             &what,
             alpha,
             0.0,
-            (&ring_edges(ndf.profile(), &masking), &ndf.visible_table().slopes()),
+            (&ring_edges(ndf.profile(), &masking), ndf.visible_table().slopes()),
             u64::from(seed),
             &|m| ndf.pdf_projected(alpha, m),
             &|u| ndf.sample_projected(alpha, u),
@@ -280,7 +280,7 @@ fn drawn_slopes_exhaust_the_density_that_is_reported() {
 /// E[w²] − 1 of the weight true/drawn over what is drawn, the greatest of all views and its polar angle in degrees.
 fn greatest_excess(name: &str, profile: &dyn Profile) -> (f64, f64) {
     let table = VisibleTable::new(profile, &MaskingIntegral::new(profile, Rule::TABLE));
-    let mut pieces: Vec<f64> = table.slopes();
+    let mut pieces: Vec<f64> = table.slopes().to_vec();
     let last = pieces[CELLS - 1];
     pieces.extend(profile.breaks(60.0).into_iter().filter(|&x| x < last));
     pieces.sort_by(f64::total_cmp);

@@ -50,6 +50,8 @@ pub struct MaskingIntegral {
     /// of everything beyond the last panel, in units of its right end
     end: Moments,
     zero: Masking,
+    /// whether the profile may have a corner at the end of a panel
+    bends: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -138,7 +140,7 @@ impl MaskingIntegral {
         panels.reverse();
         let factor = profile.normalization() * FRAC_2_PI;
         let zero = Masking { h: profile.mean() / std::f64::consts::PI, s: 0.5 };
-        Self { panels, nodes, points: rule.points, factor, tail, end, zero }
+        Self { panels, nodes, points: rule.points, factor, tail, end, zero, bends: profile.bends_at_breaks() }
     }
 
     /// `H(q)` and `S(q)`, q ≥ 0, for the profile that was sampled: its closed form where it has one, else by quadrature.
@@ -173,23 +175,35 @@ impl MaskingIntegral {
         let mut next = here + 1;
         let mut end = self.panels[here].right;
         // a panel that starts close behind q sees the kernel's singularity: it is taken along
+        let mut corner = None;
         if let Some(panel) = self.panels.get(next)
             && end - q < 0.5 * (panel.right - panel.left)
         {
+            corner = self.bends.then_some(end);
             end = panel.right;
             next += 1;
         }
         let (mut h, mut s) = (0.0, 0.0);
         // ρ = q + w² makes the kernel's start a polynomial
+        let mut piece = |from: f64, width: f64| {
+            for &(t, weight) in gauss(self.points).nodes() {
+                let w = from + t * width;
+                let past = w * w;
+                let rho = q + past;
+                let (bracket, angle) = bracket(q, rho, past);
+                let mass = 2.0 * weight * width * w * rho * profile.f_past(q, past);
+                h += mass * bracket;
+                s += mass * angle;
+            }
+        };
         let width = (end - q).sqrt();
-        for &(t, weight) in gauss(self.points).nodes() {
-            let w = t * width;
-            let past = w * w;
-            let rho = q + past;
-            let (bracket, angle) = bracket(q, rho, past);
-            let mass = 2.0 * weight * width * w * rho * profile.f_past(q, past);
-            h += mass * bracket;
-            s += mass * angle;
+        match corner {
+            Some(corner) => {
+                let first = (corner - q).sqrt();
+                piece(0.0, first);
+                piece(first, width - first);
+            }
+            None => piece(0.0, width),
         }
         let far = self.panels.partition_point(|panel| panel.left < FAR * q).max(next);
         let near = next..far;

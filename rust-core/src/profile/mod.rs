@@ -3,6 +3,10 @@
 //! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
 
+pub mod tabulated;
+
+pub use tabulated::{Quantity, TableTail, TabulatedProfile};
+
 /// `H(q)` and `S(q)` of one profile at one argument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Masking {
@@ -24,6 +28,15 @@ pub enum Tail {
         /// By how much the exponent exceeds 3, the least for which masking is finite.
         excess: f64,
     },
+}
+
+/// Over what visible normals are tabulated; either has a table of the same size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coordinate {
+    /// x²: for profiles that are smooth between a few break points.
+    Square,
+    /// F/(1−F): for profiles of any number of pieces whose quantiles are closed forms.
+    Odds,
 }
 
 /// A radial slope profile at unit roughness.
@@ -58,6 +71,14 @@ pub trait Profile: Send + Sync {
     fn breaks(&self, depth: f64) -> Vec<f64>;
     /// Points where f is not smooth.
     fn cusps(&self) -> &[f64];
+    /// Whether f may have a corner or a step at a break point: then nothing is integrated across one.
+    fn bends_at_breaks(&self) -> bool {
+        false
+    }
+    /// Over what visible normals are tabulated.
+    fn coordinate(&self) -> Coordinate {
+        Coordinate::Square
+    }
     /// How it ends.
     fn tail(&self) -> Tail;
     /// H and S at q ≥ 0 in closed form, to 1e-12; `None` where there is none, or none that holds this. Masking is then found

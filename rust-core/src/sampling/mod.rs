@@ -2,4 +2,5 @@
 
 pub mod azimuth;
 pub mod bounded;
+pub(crate) mod coordinate;
 pub mod visible_table;

@@ -1,8 +1,9 @@
-//! The table from which visible normals are drawn: one monotone spline in ρ², for every roughness and direction.
+//! The table from which visible normals are drawn: one monotone spline in ρ², or in the odds of the profile, for every roughness
+//! and direction.
 //!
 //! In stretched slopes the visible slopes seen under `a = cot θ` have the radial density
 //! `n(ρ; a) = (2A/π) f(ρ) ρ [π a + k(ρ, a)]`, `k = √(ρ²−a²) − a acos(a/ρ)` for ρ > a and 0 below,
-//! with total mass `a + H(a)`. A row of the table holds, at knots `y = ρ²`, the share `C` of the mass above y and
+//! with total mass `a + H(a)`. A row of the table holds, at knots `y` (ρ², or what [`crate::profile::Coordinate`] says), the share `C` of the mass above y and
 //! `g = −dC/dy`; rows are spaced evenly in `a/(a + b)`. Interpolating C and g between two rows gives
 //! the knot values and slopes of one monotone rational-quadratic spline (Gregory & Delbourgo 1982), which has a
 //! closed-form inverse. The spline *is* the sampling density, so its error costs variance and never bias.
@@ -14,10 +15,11 @@ use crate::masking::MaskingIntegral;
 use crate::masking::smith_kernel::bracket;
 use crate::numerics::greatest;
 use crate::numerics::quadrature::gauss;
-use crate::profile::{Profile, Tail};
+use crate::profile::{Coordinate, Profile, Tail};
+use crate::sampling::coordinate;
 use std::f64::consts::PI;
 
-/// Number of cells in ρ².
+/// Number of cells in y.
 pub const CELLS: usize = 64;
 /// Number of rows in a/(a + b).
 pub const ROWS: usize = 15;
@@ -46,6 +48,7 @@ pub struct VisibleTable {
     flat: Vec<f32>,
     rows: usize,
     scale: f64,
+    slopes: [f64; CELLS],
 }
 
 /// A point of the interpolated spline: which cell, and its two ends.
@@ -83,9 +86,10 @@ impl VisibleTable {
         let breaks = profile.breaks(PLACING_DEPTH);
         let knots = place_knots(profile, &breaks, scale);
         let mut flat = Vec::with_capacity((1 + rows) * ROW_SIZE);
-        let squares = knots.map(square);
-        extend_list(&mut flat, &squares);
-        extend_cells(&mut flat, &squares, |ends| [ends[0], ends[1] - ends[0]]);
+        let stored = knots.map(|rho| coordinate::of_slope(profile, rho) as f32);
+        extend_list(&mut flat, &stored);
+        extend_cells(&mut flat, &stored, |ends| [ends[0], ends[1] - ends[0]]);
+        let shrunk = knots.map(|rho| coordinate::shrunk_f(profile, coordinate::of_slope(profile, rho), profile.f(rho)));
         // nodes and profile are shared by all rows
         let cells: Vec<Vec<Sample>> =
             knots.windows(2).map(|ends| samples(profile, &breaks, ends[0], ends[1])).collect();
@@ -110,12 +114,14 @@ impl VisibleTable {
             let share = 1.0 / above[0];
             let above = above.map(|mass| (share * mass) as f32);
             extend_list(&mut flat, &above);
-            let density = knots.map(|rho| (share * factor * profile.f(rho) * view.kernel(rho)) as f32);
+            let density: [f32; CELLS] =
+                std::array::from_fn(|j| (share * factor * shrunk[j] * view.kernel(knots[j])) as f32);
             let mut masses = above.windows(2).map(|ends| ends[0] - ends[1]);
             extend_cells(&mut flat, &density, |ends| [masses.next().unwrap_or(0.0), packed(ends[0], ends[1])]);
         }
         debug_assert_eq!(flat.len(), (1 + rows) * ROW_SIZE);
-        Self { flat, rows, scale }
+        let slopes = stored.map(|y| coordinate::slope(profile, f64::from(y)));
+        Self { flat, rows, scale, slopes }
     }
 
     /// The knots y, every eighth in front of all 64, and 63 pairs of a cell's left knot and width; then rows: the masses C above
@@ -130,8 +136,8 @@ impl VisibleTable {
     }
 
     /// The finite knots as slopes ρ.
-    pub fn slopes(&self) -> Vec<f64> {
-        self.knots().iter().map(|&y| f64::from(y).sqrt()).collect()
+    pub fn slopes(&self) -> &[f64] {
+        &self.slopes
     }
 
     /// The b of the row coordinate a/(a + b).
@@ -154,7 +160,7 @@ impl VisibleTable {
         Mixture { row: self.rows - 1, t: 0.0 }
     }
 
-    /// The finite knots, ρ².
+    /// The finite knots y.
     pub fn knots(&self) -> &[f32] {
         &self.flat[BLOCK..LIST_SIZE]
     }
@@ -183,7 +189,7 @@ impl VisibleTable {
         Cell { y, width, mass, inverse_mass, ends: (g0 * unit, g1 * unit) }
     }
 
-    /// Draws ρ² from u in [0, 1); the density per dρ², or `None` for a normal lost at the horizon.
+    /// Draws y from u in [0, 1); the density per dy, or `None` for a normal lost at the horizon.
     pub fn sample(&self, mixture: Mixture, u: f64) -> Option<(f64, f64)> {
         let rows = self.mixed(mixture);
         let target = 1.0 - u;
@@ -220,7 +226,7 @@ impl VisibleTable {
         (1.0 - (above - below)).max(LEAST_SHARE)
     }
 
-    /// Density per dρ² of what [`VisibleTable::sample`] draws.
+    /// Density per dy of what [`VisibleTable::sample`] draws.
     pub fn density(&self, mixture: Mixture, y: f64) -> f64 {
         let knots = self.flat[..LIST_SIZE].as_chunks::<BLOCK>().0;
         let j = last_where(|k| knots[k].map(f64::from), |knot| knot <= y);
@@ -230,11 +236,6 @@ impl VisibleTable {
         let cell = self.cell(&self.mixed(mixture), j);
         cell.density((y - cell.y) / cell.width)
     }
-}
-
-/// A knot as it is stored.
-fn square(rho: f64) -> f32 {
-    (rho * rho) as f32
 }
 
 /// Appends every eighth value, then all of them.
@@ -360,7 +361,9 @@ impl RowView {
 #[derive(Clone, Copy)]
 struct Sample {
     rho: f64,
-    f: f64,
+    y: f64,
+    /// f d(ρ²)/dy
+    shrunk: f64,
     /// weight · f · ρ
     mass: f64,
 }
@@ -383,8 +386,8 @@ fn samples(profile: &dyn Profile, breaks: &[f64], left: f64, right: f64) -> Vec<
             } else {
                 (start + t * (end - start), weight * (end - start))
             };
-            let f = profile.f(rho);
-            Sample { rho, f, mass: weight * rho * f }
+            let (f, y) = (profile.f(rho), coordinate::of_slope(profile, rho));
+            Sample { rho, y, shrunk: coordinate::shrunk_f(profile, y, f), mass: weight * rho * f }
         }));
         start = end;
     }
@@ -400,6 +403,8 @@ fn row_scale(profile: &dyn Profile) -> f64 {
 const LEAST_MASS: f64 = 2e-6;
 /// Break points are set for quadrature and often lie too close for knots: cells begin with this share, which is worth halving.
 const LIGHT: f64 = 1e-3;
+/// Shares of D·cos above the first knots over the odds.
+const ODDS_SHARES: [f64; 7] = [0.98, 0.8, 0.5, 0.2, 0.05, 5e-3, 1e-4];
 /// The views at whose rows the excess is measured: horizon, middle, normal.
 const PROBES: [f64; 3] = [0.0, 0.5, 1.0];
 /// Knots are moved at most so many times once all are spent.
@@ -411,6 +416,8 @@ const PADDING: f64 = 1.0625;
 struct Draft {
     left: f64,
     right: f64,
+    /// y at both ends
+    ends: [f64; 2],
     samples: Vec<Sample>,
     /// what each probe sees of it
     masses: [f64; 3],
@@ -440,9 +447,9 @@ impl Draft {
     }
 }
 
-/// Whether two knots are still two in single precision.
-fn apart(left: f64, right: f64) -> bool {
-    square(left) < square(right)
+/// Whether two knots y are still two in single precision.
+fn apart([left, right]: [f64; 2]) -> bool {
+    (left as f32) < right as f32
 }
 
 /// Places the 64 finite knots, ascending from 0, where they lower E[w²] most.
@@ -451,9 +458,18 @@ fn apart(left: f64, right: f64) -> bool {
 /// many as there are knots: neighbors are joined first, those that raise the excess least; then knots move from where a join costs least to
 /// where a halving gains most.
 fn place_knots(profile: &dyn Profile, breaks: &[f64], scale: f64) -> [f64; CELLS] {
+    let cap = coordinate::cap(profile, SLOPE_CAP);
     let mut ends = vec![0.0];
-    ends.extend(breaks.iter().copied().filter(|&x| x < SLOPE_CAP));
-    if matches!(profile.tail(), Tail::Power { .. }) || ends.len() < 2 {
+    match profile.coordinate() {
+        Coordinate::Square => ends.extend(breaks.iter().copied().filter(|&x| x < cap)),
+        // f has dropped out, and its break points with it
+        Coordinate::Odds => {
+            let shares = ODDS_SHARES.iter().map(|&share| profile.isf(share)).filter(|&x| x < cap);
+            ends.extend(shares.chain((cap < SLOPE_CAP).then_some(cap)));
+            ends.dedup();
+        }
+    }
+    if matches!(profile.tail(), Tail::Power { .. }) && cap == SLOPE_CAP || ends.len() < 2 {
         ends.push(SLOPE_CAP);
     }
     let probes = PROBES.map(|position| RowView { position, scale });
@@ -477,7 +493,10 @@ fn place_knots(profile: &dyn Profile, breaks: &[f64], scale: f64) -> [f64; CELLS
     for k in drafts.len() + 1..CELLS {
         knots[k] = knots[k - 1] * PADDING;
     }
-    debug_assert!(knots[0] == 0.0 && knots.is_sorted_by(|&a, &b| apart(a, b)), "{knots:?}");
+    debug_assert!(
+        knots[0] == 0.0 && knots.is_sorted_by(|&a, &b| apart([a, b].map(|x| coordinate::of_slope(profile, x)))),
+        "{knots:?}"
+    );
     knots
 }
 
@@ -497,7 +516,8 @@ impl Placing<'_> {
 
     fn weighed(&self, left: f64, right: f64, samples: Vec<Sample>) -> Draft {
         let masses = self.probes.map(|probe| samples.iter().map(|n| n.mass * probe.kernel(n.rho)).sum::<f64>());
-        Draft { left, right, samples, masses, excess: [0.0; 3], whole: false }
+        let ends = [left, right].map(|rho| coordinate::of_slope(self.profile, rho));
+        Draft { left, right, ends, samples, masses, excess: [0.0; 3], whole: false }
     }
 
     fn measure(&self, draft: &mut Draft) {
@@ -510,19 +530,22 @@ impl Placing<'_> {
         if mass <= 0.0 {
             return 0.0;
         }
-        let (y0, y1) = (draft.left * draft.left, draft.right * draft.right);
+        let [y0, y1] = draft.ends;
         // densities per dy are half those per ρ dρ
-        let end = |rho: f64| 0.5 * self.profile.f(rho) * view.kernel(rho) * (y1 - y0) / mass;
-        let ends = (end(draft.left), end(draft.right));
+        let end = |rho: f64, y: f64| {
+            let shrunk = coordinate::shrunk_f(self.profile, y, self.profile.f(rho));
+            0.5 * shrunk * view.kernel(rho) * (y1 - y0) / mass
+        };
+        let ends = (end(draft.left, y0), end(draft.right, y1));
         let cell = Cell { y: y0, width: y1 - y0, mass, inverse_mass: 1.0 / mass, ends };
         let second: f64 = draft
             .samples
             .iter()
             .map(|n| {
                 let kernel = view.kernel(n.rho);
-                // n.mass carries ρ dρ f; the density per dy is f kernel / 2
-                let exact = 0.5 * n.f * kernel;
-                let spline = cell.density((n.rho * n.rho - y0) / (y1 - y0));
+                // n.mass carries ρ dρ f; the density per dy is f d(ρ²)/dy kernel / 2
+                let exact = 0.5 * n.shrunk * kernel;
+                let spline = cell.density((n.y - y0) / (y1 - y0));
                 if spline > 0.0 { n.mass * kernel * exact / spline } else { 0.0 }
             })
             .sum();
@@ -546,8 +569,8 @@ impl Placing<'_> {
                 Some(last)
                     if self.lighter(last, LIGHT)
                         || self.lighter(&draft, LIGHT)
-                        || !apart(last.left, last.right)
-                        || !apart(draft.left, draft.right) =>
+                        || !apart(last.ends)
+                        || !apart(draft.ends) =>
                 {
                     *last = self.joined(last, &draft);
                 }
@@ -571,9 +594,10 @@ impl Placing<'_> {
         loop {
             let candidates = (0..drafts.len()).filter(|&k| !drafts[k].whole);
             let worst = candidates.max_by(|&i, &j| drafts[i].worst().total_cmp(&drafts[j].worst()))?;
-            let Draft { left, right, .. } = drafts[worst];
+            let Draft { left, right, ends: [y0, y1], .. } = drafts[worst];
             let middle = drafts[worst].middle();
-            if apart(left, middle) && apart(middle, right) {
+            let y = coordinate::of_slope(self.profile, middle);
+            if apart([y0, y]) && apart([y, y1]) {
                 let mut halves = [(left, middle), (middle, right)].map(|(left, right)| self.draft(left, right));
                 if !halves.iter().any(|half| self.lighter(half, LEAST_MASS)) {
                     halves.iter_mut().for_each(|half| self.measure(half));
@@ -586,7 +610,7 @@ impl Placing<'_> {
 
     /// By how much a join raises the excess; less than anything where both should be one.
     fn price(&self, first: &Draft, second: &Draft) -> f64 {
-        let lost = |draft: &Draft| self.lighter(draft, LEAST_MASS) || !apart(draft.left, draft.right);
+        let lost = |draft: &Draft| self.lighter(draft, LEAST_MASS) || !apart(draft.ends);
         if lost(first) || lost(second) {
             return f64::NEG_INFINITY;
         }
