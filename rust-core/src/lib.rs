@@ -29,7 +29,7 @@
 //! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` |
 //! | masking Λ, G1, G2 | 10–12 | [`masking::MaskingIntegral::at`], [`ndf::Ndf::lambda`], [`ndf::Ndf::g2`] |
 //! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`family::student::StudentMasking`] |
-//! | profiles given by points | – | [`profile::TabulatedProfile`] |
+//! | profiles given by points, sums of profiles | – | [`profile::TabulatedProfile`], [`profile::MixtureProfile`] |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
 //! | losses of single scattering | – | [`scattering::albedo::SingleScattering::loss`], [`scattering::albedo_table::AlbedoTable`] |
 //! | walks on the microsurface | – | [`scattering::random_walk::RandomWalk`] |

@@ -3,14 +3,12 @@
 mod cases;
 
 use cases::Random;
+use cases::second_moment::second_moment;
 use cases::tables::{KINDS, Points, random_table};
-use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::masking::{MaskingIntegral, Rule};
-use sgtd_core::ndf::{Ndf, Roughness};
-use sgtd_core::numerics::quadrature::gauss;
+use sgtd_core::ndf::Ndf;
 use sgtd_core::profile::{Profile, TabulatedProfile};
-use sgtd_core::sampling::azimuth::Azimuth;
 
 /// Numbers of nodes from 2 to 1000.
 const COUNTS: [usize; 8] = [2, 3, 5, 12, 40, 100, 333, 1000];
@@ -235,43 +233,6 @@ fn everything_is_what_the_definition_says() {
     println!("worst {worst:?}");
 }
 
-/// E[w²] of the weight true/drawn over what is drawn, seen under cot θ = a.
-fn second_moment(ndf: &Ndf, a: f64) -> f64 {
-    let profile = ndf.profile();
-    let (cos, sin) = (a / a.hypot(1.0), 1.0 / a.hypot(1.0));
-    let wi = DVec3::new(sin, 0.0, cos);
-    let alpha = Roughness { u: 1.0, v: 1.0 };
-    let knots = ndf.visible_table().slopes();
-    let last = knots[knots.len() - 1];
-    let mut ends = profile.breaks(60.0);
-    ends.extend(knots.iter().filter(|&&x| x > 0.0));
-    ends.extend((0..14).map(|k| a * (1.0 + 0.25f64.powi(k))).chain([a]));
-    ends.retain(|&x| x <= last);
-    ends.sort_by(f64::total_cmp);
-    ends.dedup();
-    let (mut left, mut truth, mut drawn, mut second) = (0.0, 0.0, 0.0, 0.0);
-    for right in ends {
-        for &(t, weight) in gauss(8).nodes() {
-            let rho = left + t * (right - left);
-            // the azimuth is drawn exactly, so that one direction tells the weight of all
-            let m = DVec3::new(rho, 0.0, 1.0).normalize();
-            let ring = weight * (right - left) * rho * Azimuth::new(cos, sin, rho).mass();
-            let got = ndf.pdf_visible(alpha, wi, m) * m.z.powi(3) / (cos + sin * rho) * ring;
-            let want = profile.f(rho) * ring;
-            truth += want;
-            drawn += got;
-            if got > 0.0 {
-                second += want * want / got;
-            } else {
-                // next to the end, or where single precision ends
-                assert!(profile.sf(rho) < 1e-12 || want < 1e-30, "nothing is drawn at {rho:e}: {want:e}");
-            }
-        }
-        left = right;
-    }
-    second * drawn / (truth * truth)
-}
-
 #[test]
 fn visible_sampling_has_little_variance() {
     let worst = tables("variance")
@@ -292,4 +253,39 @@ fn visible_sampling_has_little_variance() {
         .reduce(|| 0.0, f64::max);
     println!("worst {worst}");
     assert!(worst <= 1.002, "E[w²] = {worst}");
+}
+
+/// `cargo test --release --test tabulated build -- --ignored --nocapture`
+#[test]
+#[ignore = "a measurement"]
+fn build_times() {
+    let mut random = Random::new(11);
+    for count in [16, 64, 250, 1000] {
+        for kind in [0, 1, 3] {
+            let points = random_table(&mut random, kind, count);
+            let (mut least, mut parts) = (f64::INFINITY, [f64::INFINITY; 3]);
+            for _ in 0..9 {
+                let start = std::time::Instant::now();
+                let profile = points.profile();
+                parts[0] = parts[0].min(start.elapsed().as_secs_f64());
+                let from = std::time::Instant::now();
+                let masking = MaskingIntegral::new(&profile, Rule::TABLE);
+                parts[1] = parts[1].min(from.elapsed().as_secs_f64());
+                let from = std::time::Instant::now();
+                let table = sgtd_core::masking::table::LambdaTable::new(&profile, &masking, 1e-5);
+                assert!(table.reached() < 1e-4);
+                parts[2] = parts[2].min(from.elapsed().as_secs_f64());
+                let start = std::time::Instant::now();
+                let ndf = Ndf::new(Box::new(points.profile()), 1e-5).unwrap_or_else(|error| panic!("{error}"));
+                assert!(ndf.accuracy_reached() < 1e-4);
+                least = least.min(start.elapsed().as_secs_f64());
+            }
+            let [profile, integral, table] = parts.map(|t| 1e3 * t);
+            println!(
+                "{count} kind {kind}: {:.2} ms (profile {profile:.2}, integral {integral:.2}, Λ {table:.2}, {} breaks)",
+                1e3 * least,
+                points.profile().breaks(50.0).len()
+            );
+        }
+    }
 }

@@ -52,6 +52,8 @@ pub struct MaskingIntegral {
     zero: Masking,
     /// whether the profile may have a corner at the end of a panel
     bends: bool,
+    /// of a sum of profiles: theirs
+    parts: Vec<MaskingIntegral>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -100,6 +102,20 @@ impl Moments {
 impl MaskingIntegral {
     /// Samples a profile.
     pub fn new(profile: &dyn Profile, rule: Rule) -> Self {
+        let zero = Masking { h: profile.mean() / std::f64::consts::PI, s: 0.5 };
+        if !profile.parts().is_empty() {
+            return Self {
+                panels: Vec::new(),
+                nodes: Vec::new(),
+                points: rule.points,
+                factor: 0.0,
+                tail: profile.tail(),
+                end: Moments::default(),
+                zero,
+                bends: false,
+                parts: profile.parts().iter().map(|part| Self::new(part.profile.as_ref(), rule)).collect(),
+            };
+        }
         let edges = panel_edges(profile, rule.depth);
         let gauss = gauss(rule.points);
         let mut nodes = Vec::with_capacity(rule.points * edges.len());
@@ -139,17 +155,43 @@ impl MaskingIntegral {
         }
         panels.reverse();
         let factor = profile.normalization() * FRAC_2_PI;
-        let zero = Masking { h: profile.mean() / std::f64::consts::PI, s: 0.5 };
-        Self { panels, nodes, points: rule.points, factor, tail, end, zero, bends: profile.bends_at_breaks() }
+        Self {
+            panels,
+            nodes,
+            points: rule.points,
+            factor,
+            tail,
+            end,
+            zero,
+            bends: profile.bends_at_breaks(),
+            parts: Vec::new(),
+        }
     }
 
     /// `H(q)` and `S(q)`, q ≥ 0, for the profile that was sampled: its closed form where it has one, else by quadrature.
     pub fn at(&self, profile: &dyn Profile, q: f64) -> Masking {
+        if !self.parts.is_empty() {
+            return self.sum_of_parts(profile, q, Self::at);
+        }
         profile.masking(q).unwrap_or_else(|| self.by_quadrature(profile, q))
+    }
+
+    /// `H = Σ w s H_j(q/s)` and `S = Σ w S_j(q/s)`.
+    fn sum_of_parts(&self, profile: &dyn Profile, q: f64, at: fn(&Self, &dyn Profile, f64) -> Masking) -> Masking {
+        let mut sum = Masking { h: 0.0, s: 0.0 };
+        for (part, integral) in profile.parts().iter().zip(&self.parts) {
+            let Masking { h, s } = at(integral, part.profile.as_ref(), q / part.scale);
+            sum.h += part.weight * part.scale * h;
+            sum.s += part.weight * s;
+        }
+        sum
     }
 
     /// The same without looking for a closed form.
     pub fn by_quadrature(&self, profile: &dyn Profile, q: f64) -> Masking {
+        if !self.parts.is_empty() {
+            return self.sum_of_parts(profile, q, Self::by_quadrature);
+        }
         let Some(last) = self.panels.last() else { return self.zero };
         if q <= 0.0 {
             return self.zero;

@@ -3,8 +3,10 @@
 //! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
 
+pub mod mixture;
 pub mod tabulated;
 
+pub use mixture::{MixtureProfile, Part};
 pub use tabulated::{Quantity, TableTail, TabulatedProfile};
 
 /// `H(q)` and `S(q)` of one profile at one argument.
@@ -74,6 +76,10 @@ pub trait Profile: Send + Sync {
     /// Whether f may have a corner or a step at a break point: then nothing is integrated across one.
     fn bends_at_breaks(&self) -> bool {
         false
+    }
+    /// Of what it is the sum, where it is one: masking is then the sum of theirs.
+    fn parts(&self) -> &[Part] {
+        &[]
     }
     /// Over what visible normals are tabulated.
     fn coordinate(&self) -> Coordinate {

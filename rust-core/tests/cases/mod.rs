@@ -3,6 +3,7 @@
 #![allow(dead_code)] // every test crate uses a part of it
 
 pub mod piecewise;
+pub mod second_moment;
 pub mod tables;
 
 use glam::DVec3;
