@@ -1,5 +1,6 @@
 # make demo    install into .venv, render the spheres scene with both materials, say where the picture is
-# make test    formatting, lints, Rust tests, plugin build, Python tests
+# make test    formatting, lints, types, Rust tests, plugin build, Python tests
+# make quick   the same with one case of each test, for every change
 # make bench   speed, as ratios measured in one run
 # make gallery every effect off and on, and what it costs: docs/gallery.png
 # make report  what accuracy costs in time: measure, and write out/accuracy/report.html
@@ -8,11 +9,14 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Each worker is a process of pytest with a variant of Mitsuba of its own
+WORKERS := -n 2
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pycache__/*' -not -path '*/build/*') \
            Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
 DEMO := out/demo
 
-.PHONY: demo test rust-test python-test bench gallery report format clean tools
+.PHONY: demo test quick rust-test python-test lint bench gallery report format clean tools
 
 demo: $(VENV)/installed
 	$(BIN)/sgtd compare scenes/spheres.xml -o $(DEMO) --set distribution=student --set gamma=1.6
@@ -28,11 +32,19 @@ rust-test: tools
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --quiet
 	cargo test --locked --release
 
-python-test: $(VENV)/test-tools
+python-test: lint
+	$(BIN)/python -m pytest tests $(WORKERS)
+
+lint: $(VENV)/test-tools
 	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches
 	$(BIN)/ruff check --quiet mitsuba-plugin tests benches
 	$(BIN)/clang-format --dry-run --Werror mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
-	$(BIN)/python -m pytest tests
+	cd mitsuba-plugin && $(CURDIR)/$(BIN)/mypy
+
+quick: tools lint
+	cargo fmt --check
+	cargo test --locked --release --quiet --test laws --test tree --test validation
+	$(BIN)/python -m pytest tests --quick --quiet $(WORKERS)
 
 bench: $(VENV)/installed
 	cargo bench --locked --bench ratios
@@ -50,7 +62,7 @@ format: $(VENV)/test-tools
 	$(BIN)/ruff format mitsuba-plugin tests benches
 	$(BIN)/clang-format -i mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 
-# What a bare Debian machine lacks: the venv module, libLLVM, a recent cargo. The first two are installed where apt can.
+# Says what a bare Debian machine lacks: a compiler, the venv module, libLLVM, a recent cargo; installs it with CI=true.
 tools:
 	@tools/prepare
 
@@ -58,13 +70,19 @@ $(BIN)/python: | tools
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
 
-$(VENV)/installed: $(BIN)/python $(SOURCES)
+# What the plugin is built with stands in the environment itself, so that a second build compiles only what has changed.
+$(VENV)/build-tools: $(BIN)/python mitsuba-plugin/pyproject.toml
+	@sed -n 's/^requires = \[\(.*\)\]/\1/p' mitsuba-plugin/pyproject.toml | sed 's/", "/\n/g; s/"//g' > $(VENV)/build-tools.txt
+	$(PIP) -r $(VENV)/build-tools.txt
+	@touch $@
+
+$(VENV)/installed: $(VENV)/build-tools $(SOURCES)
 	@echo "Building the plugin and installing it into $(VENV) (about two minutes on two cores) ..."
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check ./mitsuba-plugin
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(PIP) --no-build-isolation ./mitsuba-plugin
 	@touch $@
 
 $(VENV)/test-tools: $(VENV)/installed tests/requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r tests/requirements.txt
+	$(PIP) -r tests/requirements.txt
 	@touch $@
 
 clean:

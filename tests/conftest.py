@@ -44,7 +44,25 @@ def use(variant: str) -> None:
     mi.set_variant(variant)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--quick", action="store_true", help="one case of each test, and none that is marked slow")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Of the cases of a test, ``--quick`` keeps the first: every test runs, for one shape, one variant and one input."""
+    if not config.getoption("--quick"):
+        return
+    kept = {}
+    for item in items:
+        if not item.get_closest_marker("slow"):
+            kept.setdefault(item.nodeid.partition("[")[0], item)
+    first = set(kept.values())
+    config.hook.pytest_deselected(items=[item for item in items if item not in first])
+    items[:] = [item for item in items if item in first]
+
+
 def pytest_configure(config):
+    config.addinivalue_line("markers", "slow: longer than a few seconds; left out by --quick")
     # Mitsuba makes some of its functions anew in every variant that is set
     config.addinivalue_line("filterwarnings", "ignore:The AST-transforming decorator:RuntimeWarning")
 

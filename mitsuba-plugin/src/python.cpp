@@ -72,7 +72,7 @@ NB_MODULE(_core, m) {
             "(gamma, p, lambda, shift)")
         .def(
             "__eq__", [](const Shape &shape, const Shape &other) { return shape == other; },
-            nb::is_operator())
+            nb::is_operator(), nb::sig("def __eq__(self, other: object, /) -> bool"))
         .def("__hash__",
              [](const Shape &shape) {
                  return nb::hash(nb::make_tuple(shape.gamma, shape.p, shape.lambda, shape.shift));

@@ -159,8 +159,8 @@ def _shapes(
     """
     asked = [parse_shape(text) for text in dict.fromkeys(texts)]
     if asked or not users_scenes:
-        shapes = asked or [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
-        return shapes, [(path, shape) for path in loaded for shape in shapes]
+        every = asked or [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
+        return every, [(path, shape) for path in loaded for shape in every]
     defaults = [parse_shape(text) for text in (QUICK_SHAPES if quick else DEFAULT_SHAPES)]
     shapes: dict[str, NamedShape] = {}
     plan: list[tuple[Path, NamedShape | None]] = []

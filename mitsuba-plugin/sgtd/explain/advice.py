@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -75,8 +76,10 @@ def advise_scene(materials: list[Material], paths: int | None, scalar: bool) -> 
 
 def _joins(kinds: dict[tuple[object, ...], list[Material]]) -> list[str]:
     """Groups that differ in one switch alone."""
-    names = ("plugin", "distribution", "scaled roughness", "double precision", "textured roughness", "anisotropy")
-    names += ("sample_visible", "masking", "multiple_scattering")
+    names = (
+        *("plugin", "distribution", "scaled roughness", "double precision", "textured roughness", "anisotropy"),
+        *("sample_visible", "masking", "multiple_scattering"),
+    )
     found = []
     keys = list(kinds)
     for i, a in enumerate(keys):
@@ -119,10 +122,11 @@ def _less_steep(material: Material) -> str:
     def steepness(p: float, shift: float) -> float:
         return _core.Ndf.get(Shape(shape.gamma, p, shape.lam, shift), 1e-2).steepness
 
-    for name, value, at in (
+    ways: tuple[tuple[str, float, Callable[[float], float]], ...] = (
         ("p", shape.p, lambda x: steepness(x, shape.shift)),
         ("shift", shape.shift, lambda x: steepness(shape.p, x)),
-    ):
+    )
+    for name, value, at in ways:
         low, high = (1.0 if name == "p" else 0.0), value
         if high <= low or at(low) > limit:
             continue
