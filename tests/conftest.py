@@ -76,9 +76,25 @@ def measured(name: str, errors: np.ndarray, inputs) -> None:
     entry = MEASURED.setdefault(name, [-1.0, None, 0.0, 0])
     worst = int(np.argmax(errors))
     if errors[worst] > entry[0]:
-        entry[:2] = float(errors[worst]), inputs(worst)
+        entry[:2] = float(errors[worst]), str(inputs(worst))
     entry[2] += float(np.sum(np.square(errors)))
     entry[3] += len(errors)
+
+
+def pytest_sessionfinish(session):
+    # a worker of pytest-xdist has measured its own part of the table
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["measured"] = MEASURED
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error):
+    for name, (largest, where, squares, count) in getattr(node, "workeroutput", {}).get("measured", {}).items():
+        entry = MEASURED.setdefault(name, [-1.0, None, 0.0, 0])
+        if largest > entry[0]:
+            entry[:2] = largest, where
+        entry[2] += squares
+        entry[3] += count
 
 
 def pytest_terminal_summary(terminalreporter):
