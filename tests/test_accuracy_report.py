@@ -20,6 +20,8 @@ from sgtd.accuracy.images import ImageRow
 from sgtd.accuracy.shapes import make_shape, parse_shape
 from sgtd.errors import UserError
 
+pytestmark = pytest.mark.slow  # whole reports, if small ones
+
 SHAPE = "student:gamma=2.5"
 SCENE = """
 <scene version="3.0.0">

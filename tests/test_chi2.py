@@ -139,6 +139,7 @@ def random_cases(count):
         yield (gamma, p, skew, shift), alpha if rng.random() < 0.5 else alpha[:1] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("visible", [True, False])
 @pytest.mark.parametrize("shape, roughness", list(random_cases(3)))
 def test_ten_million_facets_follow_the_density(llvm, shape, roughness, visible):

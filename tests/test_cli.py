@@ -250,6 +250,7 @@ def third_party(folder):
     return file
 
 
+@pytest.mark.slow
 def test_compare_a_third_party_scene_from_another_folder(sgtd, tmp_path, monkeypatch):
     (tmp_path / "export").mkdir()
     file = third_party(tmp_path / "export")
@@ -496,6 +497,7 @@ def test_an_interrupted_write_leaves_nothing(sgtd, scene, tmp_path, monkeypatch)
 # --- doctor
 
 
+@pytest.mark.slow
 def test_doctor_reports_the_variants(sgtd):
     status, out, _ = sgtd("doctor")
     assert status == 0

@@ -176,6 +176,7 @@ def test_nested_referenced_and_included_materials(explained, tmp_path):
     assert report["code_paths"] is None
 
 
+@pytest.mark.slow
 def test_code_paths_are_counted(explained):
     conftest.use("llvm_ad_rgb")
 
@@ -227,8 +228,42 @@ def test_advice_on_double_precision_is_right(explained):
             assert (_core.Ndf.get(Shape(**values), 1e-2).steepness > _core.steep) == steep
 
 
-def test_costs_are_measured(explain):
-    status, out, err = explain(ours("x", gamma=1.7), "--json", "--repetitions", "3")
+def test_a_render_is_timed(explain):
+    """What a user sees: the scene with these materials and with the built-ins, and nothing that is not asked for."""
+    body = shape_of(ours("x", gamma=1.7, alpha=0.3))
+    status, out, err = explain(body, "--json", "--repetitions", "3")
+    assert (status, err) == (0, "")
+    report = json.loads(out)
+    cost = report["render"]
+    assert 0.3 < cost["low"] <= cost["ratio"] <= cost["high"] < 30
+    assert cost["against"] == "roughconductor, ggx" and "148 x 111 pixels" in cost["what"] and "3 pairs" in cost["what"]
+    assert report["materials"][0]["costs"] == []
+    status, out, _ = explain(body, "--repetitions", "1")
+    assert status == 0 and out.startswith("A render of ") and "times (quartiles" in out.partition("\n")[0]
+    assert "by itself" not in out
+
+
+def test_a_scene_that_cannot_be_rendered_is_explained(explain, monkeypatch):
+    monkeypatch.setattr(f"{__name__}.SENSOR", "")
+    status, out, err = explain(ours("x", gamma=1.7), "--repetitions", "1")
+    assert (status, err) == (0, "")
+    assert out.startswith("A render was not timed: the scene has no sensor.") and "because" in out
+
+
+def test_materials_alike_are_told_of_once(explain):
+    """Four plates that differ in roughness alone, one of another shape: two tables, and one line for all that can be exchanged."""
+    plates = [ours(name, gamma=1.7, alpha=alpha) for name, alpha in zip("abcd", (0.1, 0.2, 0.3, 0.4))]
+    others = [f'<bsdf type="roughconductor" id="{name}"/>' for name in "xyz"]
+    status, out, _ = explain("".join([*plates, ours("e", gamma=1.8), *others]), "--repetitions", "0")
+    assert status == 0
+    assert out.count("because") == 2 and "4 × sgtdconductor: a, b, c, d" in out and "e: sgtdconductor" in out
+    for name, alpha in zip("abcd", (0.1, 0.2, 0.3, 0.4)):
+        assert f"{name}: alpha = {alpha}" in out
+    assert out.count("could be exchanged") == 1 and "x, y, z: roughconductor" in out
+
+
+def test_costs_of_functions_are_measured(explain):
+    status, out, err = explain(ours("x", gamma=1.7), "--json", "--repetitions", "3", "--functions")
     assert (status, err) == (0, "")
     (cost,) = json.loads(out)["materials"][0]["costs"]
     assert 0.3 < cost["low"] <= cost["ratio"] <= cost["high"] < 30
@@ -238,7 +273,7 @@ def test_costs_are_measured(explain):
 def test_costs_in_kernels(explain):
     conftest.use("llvm_ad_rgb")
     body = ours("x", '<texture type="checkerboard" name="alpha"/>' + word("masking", "height_correlated"), gamma=1.7)
-    status, out, _ = explain(body, "--json", "--repetitions", "3", variant="llvm_ad_rgb")
+    status, out, _ = explain(body, "--json", "--repetitions", "3", "--functions", variant="llvm_ad_rgb")
     alone, render = json.loads(out)["materials"][0]["costs"]
     assert status == 0
     assert "alone" in alone["what"] and "render" in render["what"]
@@ -247,13 +282,13 @@ def test_costs_in_kernels(explain):
 
 
 def test_the_terminal_says_what_json_says(explain):
-    status, out, err = explain(NESTED, "--repetitions", "1")
+    status, out, err = explain(NESTED, "--repetitions", "1", "--functions")
     assert (status, err) == (0, "")
-    for text in ("inner: sgtdconductor", "student", "because", "bytes", "shared with alone", "ms", "permitted"):
+    for text in ("inner: sgtdconductor", "student", "because", "bytes", "one for alone, inner", "ms", "permitted"):
         assert text in out
     assert "theirs: roughconductor" in out and "could be exchanged" in out
     assert "×" in out and "roughconductor ggx" in out
-    assert "1 × diffuse" in out
+    assert "1 × diffuse, never exchanged: no microfacets" in out
 
 
 def test_scenes_without_our_materials(explain):
@@ -292,7 +327,7 @@ def test_a_file_that_is_not_there(capsys, tmp_path):
 
 def test_json_has_every_key(explained):
     report = explained(NESTED)
-    assert set(report) == {"scene", "variant", "code_paths", "table_bytes", "advice", "materials", "others"}
+    assert set(report) == {"scene", "variant", "render", "code_paths", "table_bytes", "advice", "materials", "others"}
     keys = {
         "id",
         "plugin",

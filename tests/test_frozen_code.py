@@ -106,6 +106,7 @@ def test_glass_through_every_pair(llvm):
     assert frozen.n_recordings <= 2 * len(SHAPES) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", ["sgtdconductor", "sgtddielectric"])
 def test_materials_are_not_confused(llvm, plugin):
     """One function for many materials: each has the code of its own, also where it was fixed when the material was made."""

@@ -61,6 +61,7 @@ def every_other(shape, number):
     return MASKINGS[(shape + number) % 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS)
 def test_white_furnace(llvm, row):
     """1 for every roughness, isotropic or not, from normal to grazing. Fewer samples are noisier: 3e-3 for half as many."""
@@ -77,6 +78,7 @@ def test_white_furnace(llvm, row):
 HARD = [dict(shift=5.0), dict(gamma=np.inf, p=50.0), dict(gamma=1.52), dict(gamma=np.inf, shift=10.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", HARD, ids=str)
 def test_white_furnace_of_hard_shapes(llvm, shape):
     """Rings, boxes and the heaviest tails: grids of all sizes are read as they are made; noise is 2e-4."""
@@ -113,6 +115,7 @@ def test_a_rough_table_warns(llvm, capfd):
         mi.set_log_level(level)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ["sgtd", "student", "ggx_centered", "beckmann_centered"])
 def test_white_furnace_rendered(variant, row):
     """A plate under a sky of radiance 1, seen at 50 degrees, by the path tracer, which samples the sky as well; noise is 4e-4."""
@@ -142,6 +145,7 @@ def test_a_furnace_without_the_lobe_is_dark(llvm):
         assert albedo(bsdf, (0, 0, 1), 1 << 19) == pytest.approx(kept, abs=6e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ["sgtd", "student", "ggx_centered"])
 def test_furnace_of_a_textured_roughness(llvm, row):
     """Every texel by itself."""
@@ -151,6 +155,7 @@ def test_furnace_of_a_textured_roughness(llvm, row):
             assert albedo(bsdf, sc.direction(angle, AZIMUTH), 1 << 19, uv) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_two_textures_are_approximate(llvm):
     """As documented: the isotropic surface of the mean stands in."""
     bsdf = material(gamma=2.0, alpha_u=np.array([[0.3, 0.5]]), alpha_v=np.array([[0.2, 0.5]]))
@@ -316,6 +321,7 @@ def test_derivative_by_the_roughness(llvm, roughness):
     assert np.abs(expected).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [dict(gamma=2.6), {"alpha_u.value": 0.9}], ids=str)
 def test_changes_reach_the_table(llvm, change):
     """The furnace stays white when a parameter is changed."""

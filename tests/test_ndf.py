@@ -533,6 +533,7 @@ def test_a_forked_child_answers(what):
     answers(f"def call():\n    {IN_CHILDREN[what]}\nin_child(call); in_child(call); ask(ndf)")
 
 
+@pytest.mark.slow
 def test_children_of_a_busy_parent_answer():
     """Threads that are in the core while the parent forks hold its locks and its pool; the child has none of them."""
     answers("""
@@ -553,6 +554,7 @@ finally:
 """)
 
 
+@pytest.mark.slow
 def test_a_pool_of_processes():
     """multiprocessing's own way: the object goes to the workers, which are forks of a parent that has used it."""
     answers("""

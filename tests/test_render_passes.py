@@ -194,12 +194,25 @@ def test_a_plan_of_very_many_samples_takes_no_time():
 def test_a_pass_that_is_cut_short_is_not_taken_for_whole(scalar):
     built = scene(spp=2**18)
     renderer = PassRenderer(built, 0, 2**18)
-    threading.Timer(0.3, built.integrator().cancel).start()
-    with pytest.raises(KeyboardInterrupt):
-        for number in range(len(renderer.plan)):
-            renderer.render_pass(number)
+    finished = threading.Event()
+
+    def cancel():
+        # one that comes before a pass begins is forgotten
+        while not finished.wait(0.1):
+            built.integrator().cancel()
+
+    thread = threading.Thread(target=cancel)
+    thread.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            for number in range(len(renderer.plan)):
+                renderer.render_pass(number)
+    finally:
+        finished.set()
+        thread.join()
 
 
+@pytest.mark.slow
 def test_a_signal_that_the_parent_ignores_changes_nothing(tmp_path):
     """As a job in the background of a script has it: SIGINT is ignored, but Mitsuba listens to it while it renders."""
     file = tmp_path / "long.xml"

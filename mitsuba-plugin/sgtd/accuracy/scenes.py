@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +15,6 @@ from .shapes import NamedShape, make_shape
 
 # The scenes of the default report: highlights from a distance, and a floor seen along its length.
 DEFAULT_SCENES = ("spheres.xml", "grazing.xml")
-
-_FILMS = ("hdrfilm", "specfilm")
-_CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
-_FILM_SIZE = (768, 576)  # Mitsuba's own default
 
 # Integrators that can hide the lights that the camera sees directly.
 _HIDING = ("path", "direct", "volpath", "volpathmis")
@@ -67,25 +62,11 @@ def load(path: Path, parameters: dict[str, str], pixels: int, lenient: bool = Fa
     material does.
     """
     graph = read_scene(path, parameters, lenient)
-    size = (0, 0)
-    for film in _FILMS:
-        for node in graph.materials(film):  # nodes by plugin, whatever their kind
-            size = _shrink(node.props, pixels)
+    size = graph.shrink(pixels)
     for integrator in _HIDING:
         for node in graph.materials(integrator):
             node.props["hide_emitters"] = True
     return SceneFile(path, graph, size)
-
-
-def _shrink(props: Any, pixels: int) -> tuple[int, int]:
-    """Lowers a film's resolution; one with a crop window is left alone."""
-    width, height = (int(props[name]) if name in props else size for name, size in zip(("width", "height"), _FILM_SIZE))
-    factor = math.sqrt(pixels / (width * height))
-    if factor >= 1.0 or any(name in props for name in _CROP):
-        return width, height
-    size = max(1, round(width * factor)), max(1, round(height * factor))
-    props["width"], props["height"] = size
-    return size
 
 
 def _materials(graph: SceneGraph) -> Iterator[Any]:

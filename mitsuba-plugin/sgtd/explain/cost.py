@@ -1,7 +1,8 @@
-"""What evaluation and sampling of a material take against Mitsuba's built-in, measured here and now.
+"""What materials of this family take against Mitsuba's built-ins, measured here and now. Both sides take turns.
 
-Twice in JIT variants: seconds of a kernel that does nothing but evaluate and sample the BSDF, and of a small render in which the
-material fills the view. Scalar variants, where a call from Python would outweigh the BSDF, are rendered alone. Both sides take turns.
+The scene itself is rendered with them and with the built-ins: that is the ratio that a user sees. If asked for, each material is timed by
+itself too, which says more than any scene will show: in JIT variants by a kernel that does nothing but evaluate and sample the BSDF,
+and in all variants by a small render in which the material fills the view.
 """
 
 from __future__ import annotations
@@ -13,14 +14,19 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import mitsuba_errors
 from ..interleaved_timing import Clock, ratios, render_clock
-from ..scene.exchange import ORIGINALS
+from ..scene.exchange import ORIGINALS, exchange
+from ..scene.graph import SceneGraph
 from .material import Material
 
 _LANES = 1 << 18
 
 # The side of the image; samples per pixel of scalar variants and of the others.
 _PIXELS, _SPP = 64, (16, 64)
+
+# Pixels and samples per pixel of a render of the scene, in scalar variants and in the others: a second at most for most scenes.
+_SCENE_PIXELS, _SCENE_SPP = (1 << 14, 1 << 16), (4, 16)
 
 # Properties that both plugins have. Textures are exchanged for a bitmap.
 _COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior", "ext_ior")
@@ -43,6 +49,28 @@ class Cost:
         return f"{self.ratio:.2f} [{self.low:.2f}, {self.high:.2f}] × {self.against}: {self.what}"
 
 
+def measure_scene(graph: SceneGraph, repetitions: int) -> Cost:
+    """Times the scene, at a low resolution, against the same scene with the nearest of Mitsuba's built-ins."""
+    import mitsuba as mi
+
+    smaller = graph.copy()
+    width, height = smaller.shrink(_SCENE_PIXELS[_is_jit()])
+    if not smaller.plugins(mi.ObjectType.Integrator):
+        smaller.use_integrator("path", {})
+    pair = exchange(smaller, {})
+    with mitsuba_errors("while rendering"):
+        clocks = [render_clock(side.build(), _SCENE_SPP[_is_jit()]) for side in (pair.right, pair.left)]
+        found = ratios(clocks[0], clocks[1], repetitions)
+    kinds = dict.fromkeys(left for left, _, _ in pair.summary())
+    what = f"renders of {width} x {height} pixels with {_SCENE_SPP[_is_jit()]} samples per pixel in {mi.variant()}, {repetitions} pairs"
+    return _cost(found, " and ".join(kinds), what)
+
+
+def _cost(found: list[float], against: str, what: str) -> Cost:
+    low, middle, high = (float(x) for x in np.quantile(found, [0.25, 0.5, 0.75]))
+    return Cost(middle, low, high, against, what)
+
+
 def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
     """Times a stand-in with the material's shape, masking and kind of roughness against GGX in the built-in plugin."""
     import mitsuba as mi
@@ -61,10 +89,8 @@ def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
         clocks.insert(0, (_kernel_seconds, f"eval_pdf and sample of {_LANES} directions alone"))
     costs = []
     for clock, what in clocks:
-        quartiles = np.quantile(ratios(clock(ours), clock(theirs), repetitions), [0.25, 0.5, 0.75])
-        low, middle, high = (float(x) for x in quartiles)
         how = f"{what}, measured in {mi.variant()}, {repetitions} pairs"
-        costs.append(Cost(middle, low, high, f"{theirs_plugin} ggx", how))
+        costs.append(_cost(ratios(clock(ours), clock(theirs), repetitions), f"{theirs_plugin} ggx", how))
     return tuple(costs)
 
 

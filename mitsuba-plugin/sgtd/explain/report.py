@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from .._core import Shape
-from ..scene.exchange import ORIGINALS
+from ..errors import UserError
+from ..scene.exchange import NEVER_EXCHANGED, ORIGINALS
 from ..scene.graph import SceneGraph
 from .advice import advise, advise_scene
-from .cost import Cost, count_code_paths, measure_costs
+from .cost import Cost, count_code_paths, measure_costs, measure_scene
 from .material import Material, explain_material
 
 # Gets the name of a step and its length, and returns the call that advances it.
@@ -47,6 +48,8 @@ class Explanation:
 
     scene: str
     variant: str
+    render: Cost | None
+    not_rendered: str
     materials: tuple[Explained, ...]
     others: tuple[Other, ...]
     code_paths: int | None
@@ -54,13 +57,14 @@ class Explanation:
     advice: tuple[str, ...]
 
 
-def explain(graph: SceneGraph, repetitions: int, steps: Steps) -> Explanation:
-    """Explains every BSDF of the scene in the current variant; 0 repetitions leave out the timing."""
+def explain(graph: SceneGraph, repetitions: int, functions: bool, steps: Steps) -> Explanation:
+    """Explains every BSDF of the scene in the current variant; 0 repetitions leave out the timing, ``functions`` times each material."""
     import mitsuba as mi
 
     # Mitsuba itself judges the file first, with its own messages
     scene = graph.copy().build()
     paths = count_code_paths(scene)
+    has_camera = bool(scene.sensors())
     del scene
 
     found = list(graph.bsdfs())
@@ -77,14 +81,23 @@ def explain(graph: SceneGraph, repetitions: int, steps: Steps) -> Explanation:
     )
 
     scalar = mi.variant().startswith("scalar_")
-    advance = steps("timing", len(materials))
+    advance = steps("timing", len(materials) + 1)
+    render, not_rendered = None, ""
+    if materials and repetitions > 0:
+        try:
+            if not has_camera:
+                raise UserError("the scene has no sensor")
+            render = measure_scene(graph, repetitions)
+        except UserError as error:
+            not_rendered = str(error)
+    advance(1)
     costs: dict[tuple[Any, ...], tuple[Cost, ...]] = {}
     explained = []
     bytes_of: dict[tuple[Any, ...], int] = {}
     for material in materials:
         # numbers do not change traced code; scalar code multiplies some exponents out
         key = (*material.structure(), material.node_shape if scalar else None, material.accuracy_asked == 0.0)
-        if repetitions > 0 and key not in costs:
+        if functions and repetitions > 0 and key not in costs:
             costs[key] = measure_costs(material, repetitions)
         same = [m.id for m in materials if m is not material and _tables_key(m) == _tables_key(material)]
         if material.tables:
@@ -97,6 +110,8 @@ def explain(graph: SceneGraph, repetitions: int, steps: Steps) -> Explanation:
     return Explanation(
         scene=str(graph.path),
         variant=mi.variant(),
+        render=render,
+        not_rendered=not_rendered,
         materials=tuple(explained),
         others=others,
         code_paths=paths,
@@ -114,6 +129,7 @@ def as_dict(explanation: Explanation) -> dict[str, Any]:
     return {
         "scene": explanation.scene,
         "variant": explanation.variant,
+        "render": asdict(explanation.render) if explanation.render else None,
         "code_paths": explanation.code_paths,
         "table_bytes": explanation.table_bytes,
         "advice": list(explanation.advice),
@@ -157,31 +173,82 @@ def _numbers(values: dict[str, float]) -> dict[str, Any]:
 
 
 def print_explanation(explanation: Explanation, console: Any) -> None:
-    """One table per material, then the scene."""
+    """What a render takes, one table per kind of material, then the scene."""
     from rich.table import Table
 
-    for entry in explanation.materials:
-        table = Table(title=_title(entry.material), title_justify="left", show_header=False, title_style="bold")
+    for line in _first_lines(explanation):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for entries in _alike(explanation.materials):
+        table = Table(title=_title(entries), title_justify="left", show_header=False, title_style="bold")
         table.add_column(no_wrap=True)
         table.add_column(overflow="fold")
-        for name, text in _lines(entry):
+        for name, text in (*_written(entries), *_lines(entries[0])):
             table.add_row(name, text)
         console.print(table)
     for line in _scene_lines(explanation):
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _title(material: Material) -> str:
+def _first_lines(explanation: Explanation) -> list[str]:
+    cost = explanation.render
+    if cost is None:
+        return [f"A render was not timed: {explanation.not_rendered}."] if explanation.not_rendered else []
+    times = f"{cost.ratio:.2f} times (quartiles {cost.low:.2f} to {cost.high:.2f})"
+    return [f"A render of {explanation.scene} takes {times} as long as with {cost.against}: {cost.what}."]
+
+
+def _alike(materials: tuple[Explained, ...]) -> list[list[Explained]]:
+    """Materials of which the same is to be said are told of once."""
+    groups: dict[tuple[Any, ...], list[Explained]] = {}
+    for entry in materials:
+        # equal shapes have equal tables, but were timed one by one
+        said = (line for line in _lines(entry) if line[0] != "tables")
+        groups.setdefault((entry.material.plugin, entry.material.holders, entry.material.defaulted, *said), []).append(
+            entry
+        )
+    return list(groups.values())
+
+
+def _title(entries: list[Explained]) -> str:
+    material = entries[0].material
     inside = f", inside {', '.join(material.holders)}" if material.holders else ""
+    if len(entries) > 1:
+        return f"{len(entries)} × {material.plugin}{inside}: {_names([entry.material.id for entry in entries])}"
     return f"{material.id}: {material.plugin}{inside}, {material.place}"
+
+
+def _names(names: list[str]) -> str:
+    """Names in a row, those without one counted."""
+    known = [name for name in names if name != "unnamed"]
+    unnamed = len(names) - len(known)
+    return ", ".join([*known, *([f"{unnamed} unnamed"] if unnamed > 1 else ["unnamed"] * unnamed)])
+
+
+def _written(entries: list[Explained]) -> list[tuple[str, str]]:
+    """What the file says: what all of these materials have, then what each has of its own."""
+    materials = [entry.material for entry in entries]
+    first = materials[0]
+    common = {
+        name: value
+        for name, value in first.properties.items()
+        if all(m.properties.get(name) == value for m in materials)
+    }
+    defaults = f" (by default: {', '.join(first.defaulted)})" if first.defaulted else ""
+    lines = [("written", f"{_assignments(common) or 'nothing'}{defaults}")]
+    if len(materials) > 1:
+        for material in materials:
+            own = {name: value for name, value in material.properties.items() if name not in common}
+            lines.append(("", f"{material.id}: {_assignments(own) or 'nothing more'}, {material.place}"))
+    return lines
+
+
+def _assignments(properties: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in properties.items())
 
 
 def _lines(entry: Explained) -> list[tuple[str, str]]:
     material = entry.material
-    written = ", ".join(f"{name} = {value}" for name, value in material.properties.items())
-    defaults = ", ".join(material.defaulted)
     lines = [
-        ("written", f"{written or 'nothing'} (by default: {defaults})" if defaults else written),
         ("shape", _words(material.shape)),
         ("runs at", _node(material)),
         ("because", material.why),
@@ -190,16 +257,19 @@ def _lines(entry: Explained) -> list[tuple[str, str]]:
     ]
     if material.tables:
         tables = material.tables
-        shared = f" (shared with {', '.join(entry.shares_tables_with)})" if entry.shares_tables_with else ""
+        # whoever shares them says the same, so that the two can be told of together
+        names = sorted({material.id, *entry.shares_tables_with})
+        shared = f" (one for {', '.join(names)})" if len(names) > 1 else ""
         lines += [
-            ("tables", f"{tables.bytes} bytes{shared}, built in {1e3 * tables.build_seconds:.2f} ms"),
+            ("tables", f"{tables.bytes} bytes{shared}, built in {1e3 * tables.build_seconds:.2g} ms"),
             ("error of G1", f"{tables.accuracy_reached:.2g}, {material.accuracy_asked:g} permitted"),
         ]
     else:
         lines.append(("tables", "none: nothing to build"))
     if material.losses:
         lines.append(("losses", f"{material.losses.bytes} bytes, error of E {material.losses.error:.2g}"))
-    lines.append(("cost", "\n".join(cost.words() for cost in entry.costs) or "not measured"))
+    if entry.costs:
+        lines.append(("by itself", "\n".join(cost.words() for cost in entry.costs)))
     lines.append(("cheaper", "\n".join(entry.advice) or "nothing"))
     return lines
 
@@ -223,16 +293,16 @@ def _scene_lines(explanation: Explanation) -> list[str]:
         lines.append(f"{name} has no material of this family ({', '.join(ORIGINALS)}).")
     else:
         lines.append(f"{name}: {count} of this family, {explanation.table_bytes} bytes of tables in all.")
-    exchangeable = [other for other in explanation.others if other.exchangeable]
-    for other in exchangeable:
-        ours = next(ours for ours, theirs in ORIGINALS.items() if theirs == other.plugin)
-        lines.append(
-            f"  {other.id}: {other.plugin}, {other.place}, could be exchanged for {ours}: the same code at first"
-        )
+    for ours, plugin in ORIGINALS.items():
+        found = [other for other in explanation.others if other.plugin == plugin]
+        if found:
+            who = _names([other.id for other in found])
+            where = found[0].place + (f" and {len(found) - 1} more" if len(found) > 1 else "")
+            lines.append(f"  {who}: {plugin}, {where}, could be exchanged for {ours}: the same code at first")
     rest = [other.plugin for other in explanation.others if not other.exchangeable]
-    if rest:
-        kinds = ", ".join(f"{rest.count(plugin)} × {plugin}" for plugin in dict.fromkeys(rest))
-        lines.append(f"  others: {kinds}")
+    for plugin in dict.fromkeys(rest):
+        why = f", never exchanged: {NEVER_EXCHANGED[plugin]}" if plugin in NEVER_EXCHANGED else ""
+        lines.append(f"  {rest.count(plugin)} × {plugin}{why}")
     if explanation.code_paths is not None and (count or explanation.others):
         lines.append(
             f"Code paths of materials in {explanation.variant}: {explanation.code_paths}, counted in a compiled kernel. Rays that hit "

@@ -7,6 +7,7 @@ versions mean here what they mean to Mitsuba. Nodes can then be edited, and the 
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,10 @@ _TRACED_INTEGRATORS = ("prb", "prb_basic", "prb_projective", "prbvolpath", "dire
 
 # An include of an include of ...: as deep as Mitsuba's parser goes.
 _INCLUDE_DEPTH = 15
+
+_FILMS = ("hdrfilm", "specfilm")
+_CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
+_FILM_SIZE = (768, 576)  # Mitsuba's own default
 
 
 class SceneGraph:
@@ -85,8 +90,17 @@ class SceneGraph:
         node.type = mi.ObjectType.Integrator
         node.props = props
         node.file_index, node.offset = root.file_index, root.offset
+        # the list moves its nodes as it grows: what was taken from it before is gone
         self._state.nodes.append(node)
-        root.props["integrator_of_the_user"] = mi.Properties.ResolvedReference(len(self._state.nodes) - 1)
+        self._state.root.props["integrator_of_the_user"] = mi.Properties.ResolvedReference(len(self._state.nodes) - 1)
+
+    def shrink(self, pixels: int) -> tuple[int, int]:
+        """Lowers the resolution to about so many pixels, proportions kept; a film with a crop window stays. Returns width and height."""
+        size = (0, 0)
+        for film in _FILMS:
+            for node in self.materials(film):  # nodes by plugin, whatever their kind
+                size = _shrink(node.props, pixels)
+        return size
 
     def materials(self, plugin: str) -> Iterator[Any]:
         """Each node that is this plugin, wherever it is nested, in the order of the file."""
@@ -139,6 +153,16 @@ class SceneGraph:
         if not isinstance(scene, mi.Scene):
             raise UserError(f"{self.path} describes no <scene>")
         return scene
+
+
+def _shrink(props: Any, pixels: int) -> tuple[int, int]:
+    width, height = (int(props[name]) if name in props else size for name, size in zip(("width", "height"), _FILM_SIZE))
+    factor = math.sqrt(pixels / (width * height))
+    if factor >= 1.0 or any(name in props for name in _CROP):
+        return width, height
+    size = max(1, round(width * factor)), max(1, round(height * factor))
+    props["width"], props["height"] = size
+    return size
 
 
 def _mend(message: str, variant: str) -> str:
