@@ -220,3 +220,20 @@ def test_what_needs_the_host_is_refused_inside_a_frozen_function(llvm, capfd, na
     message = str(caught.value) + str(caught.value.__cause__)
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize("plugin", ["sgtdconductor", "sgtddielectric"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_each_call_is_one_kernel(llvm, plugin, shape):
+    """No lane waits for another: nothing is reduced over lanes, which would split a kernel, and darken all for one."""
+    si, wo, u = interaction(plugin == "sgtddielectric")
+    bsdf = sc.load(plugin, alpha=0.3, **SHAPES[shape][1])
+    dr.eval(si, wo, u)
+    for function in (
+        lambda: bsdf.eval_pdf(mi.BSDFContext(), si, wo),
+        lambda: bsdf.sample(mi.BSDFContext(), si, u.z, mi.Point2f(u.x, u.y)),
+    ):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            dr.eval(function())
+            assert len(dr.kernel_history([dr.KernelType.JIT])) == 1

@@ -61,6 +61,11 @@ class Node:
 def lowest_node(shape: Shape) -> Node:
     """The lowest node that the numbers of a shape allow."""
 
+def code_path(row: str, shape: Shape, bounded: bool = False) -> str:
+    """
+    What evaluates a material of that row: "ggx" or "beckmann", Mitsuba's own code, or "tables".
+    """
+
 def check_roughness(alpha_u: float, alpha_v: float) -> None: ...
 
 def first_of_wrong_length(w: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], tolerance: float) -> int:

@@ -101,6 +101,21 @@ NB_MODULE(_core, m) {
         .def_ro("closed_form", &Node::closed_form);
     m.def("lowest_node", &sgtd::host::lowest_node, "shape"_a,
           "The lowest node that the numbers of a shape allow.");
+    m.def(
+        "code_path",
+        [](std::string_view row, const Shape &shape, bool bounded) {
+            switch (sgtd::host::code_path(row, sgtd::host::lowest_node(shape), bounded)) {
+            case sgtd::host::CodePath::Ggx:
+                return "ggx";
+            case sgtd::host::CodePath::Beckmann:
+                return "beckmann";
+            default:
+                return "tables";
+            }
+        },
+        "row"_a, "shape"_a, "bounded"_a = false,
+        "What evaluates a material of that row: \"ggx\" or \"beckmann\", Mitsuba's own code, or "
+        "\"tables\".");
 
     m.def("check_roughness", &sgtd::host::check_roughness, "alpha_u"_a, "alpha_v"_a);
     m.def(

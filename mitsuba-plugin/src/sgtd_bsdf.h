@@ -20,8 +20,8 @@
 #include <mitsuba/render/mueller.h>
 #include <mitsuba/render/texture.h>
 
+#include "facets.h"
 #include "frozen_choice.h"
-#include "sgtd_distribution.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -32,7 +32,7 @@ NAMESPACE_BEGIN(mitsuba)
 template <typename Float, typename Spectrum> class SgtdBSDF : public BSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(BSDF)
-    MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
+    MI_IMPORT_TYPES(Texture)
 
     void traverse(TraversalCallback *cb) override {
         const auto rough = ParamFlags::Differentiable | ParamFlags::Discontinuous;
@@ -99,7 +99,7 @@ protected:
         if (masking != "separable" && masking != "height_correlated")
             Throw("masking \"%s\" is unknown: choose one of separable, height_correlated", masking);
         m_height_correlated = masking == "height_correlated";
-        m_accuracy          = props.get<double>("accuracy", 1e-5);
+        m_accuracy          = props.get<double>("accuracy", sgtd::host::DefaultAccuracy);
         if (!(m_accuracy >= 0.0 && m_accuracy <= 0.1))
             Throw("parameter \"accuracy\" is %s, but must be between 0 and 0.1", m_accuracy);
 
@@ -214,9 +214,11 @@ protected:
     //  Use by the BSDF
     // ------------------------------------------------------------------
 
-    /// The roughness along both tangents, as `MicrofacetDistribution` or `SgtdDistribution` takes
-    /// it.
-    std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, Mask active) const {
+    /// Does Mitsuba's own distribution run, with its own sampling?
+    bool mitsubas_own() const { return m_builtin && !m_sample_bounded; }
+
+    /// The roughness along both tangents, as the distribution takes it.
+    std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, const Mask &active) const {
         Float alpha_u = m_alpha_u->eval_1(si, active),
               alpha_v = m_anisotropic ? m_alpha_v->eval_1(si, active) : alpha_u;
         if (m_parameters[Offset].is_mu)
@@ -228,10 +230,16 @@ protected:
         return { alpha_u, alpha_v };
     }
 
-    /// Mitsuba's own distribution.
-    MicrofacetDistribution builtin(const Float &alpha_u, const Float &alpha_v) const {
-        return MicrofacetDistribution(m_beckmann ? MicrofacetType::Beckmann : MicrofacetType::GGX,
-                                      alpha_u, alpha_v, m_sample_visible);
+    /// Calls `f` with the facets at a place: the one fork between Mitsuba's own distributions,
+    /// which `Builtin` stands for, and those of this project, which `own` makes from the roughness.
+    template <typename Builtin, typename Own, typename Function>
+    auto with_facets(const SurfaceInteraction3f &si, const Mask &active, const Own &own,
+                     const Function &f) const {
+        auto [alpha_u, alpha_v] = roughness(si, active);
+        if (mitsubas_own())
+            return f(Builtin(m_beckmann ? MicrofacetType::Beckmann : MicrofacetType::GGX, alpha_u,
+                             alpha_v, m_sample_visible, m_height_correlated));
+        return own(alpha_u, alpha_v, f);
     }
 
     /// Which normals the tables draw.
@@ -240,16 +248,6 @@ protected:
         return !m_sample_visible  ? Normals::All
                : m_sample_bounded ? Normals::Reflecting
                                   : Normals::Visible;
-    }
-
-    /// Masking and shadowing for Mitsuba's own distributions.
-    Float builtin_g2(const MicrofacetDistribution &distr, const Vector3f &wi, const Vector3f &wo,
-                     const Vector3f &m) const {
-        if (!m_height_correlated)
-            return distr.G(wi, wo, m);
-        // 1/(1 + Lambda_i + Lambda_o) with Lambda = 1/G1 - 1
-        Float g_i = distr.smith_g1(wi, m), g_o = distr.smith_g1(wo, m);
-        return dr::select(g_i > 0.f && g_o > 0.f, g_i * g_o / (g_i + g_o - g_i * g_o), 0.f);
     }
 
     /// From the Mueller matrix of the facet `m`, whose axes are those of the plane of incidence, to
@@ -408,13 +406,9 @@ private:
             // Whatever the row was called, its numbers decide what is needed
             sgtd::host::Node node        = sgtd::host::lowest_node(row.shape);
             sgtd::host::RowShape reduced = { node.shape, row.alpha_scale * node.alpha_scale };
-            std::optional<MicrofacetType> builtin;
-            if (node.closed_form)
-                builtin = MicrofacetType::GGX;
-            // Mitsuba masks Beckmann by a fit that is off by 6e-3: only for who asks for it by name
-            else if (m_row == "beckmann" && node.shape.shift == 0.0 &&
-                     !m_bounded_asked.value_or(false))
-                builtin = MicrofacetType::Beckmann;
+            const sgtd::host::CodePath path =
+                sgtd::host::code_path(m_row, node, m_bounded_asked.value_or(false));
+            const bool builtin = path != sgtd::host::CodePath::Tables;
 
             std::shared_ptr<const sgtd::host::Ndf> ndf;
             SgtdTables<Float> tables;
@@ -430,9 +424,9 @@ private:
                 tables = SgtdTables<Float>::load(*ndf, reduced);
             }
 
-            m_builtin        = builtin.has_value();
+            m_builtin        = builtin;
             m_sample_bounded = m_can_bound && m_bounded_asked.value_or(!m_builtin);
-            m_beckmann       = builtin == MicrofacetType::Beckmann;
+            m_beckmann       = path == sgtd::host::CodePath::Beckmann;
             m_builtin_scaled = builtin && reduced.alpha_scale != 1.0;
             m_steep          = tables.steep;
             m_ndf            = std::move(ndf);

@@ -162,11 +162,9 @@ template <typename Float, typename Spectrum> class SgtdConductor final
     : public SgtdBSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
-                   m_sample_visible, m_sample_bounded, m_height_correlated, m_builtin, m_ndf,
-                   m_node, m_tables, builtin, builtin_g2, changed, check_constant, constant,
-                   describe, normals, roughness, to_stokes_bases, watch)
-    MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
-    using Distribution = SgtdDistribution<Float, Spectrum>;
+                   m_height_correlated, m_builtin, m_ndf, m_node, m_tables, changed, check_constant,
+                   constant, describe, mitsubas_own, normals, roughness, to_stokes_bases, watch)
+    MI_IMPORT_TYPES(Texture)
 
     SgtdConductor(const Properties &props) : Base(props, true) {
         read_metal(props);
@@ -217,50 +215,15 @@ public:
                                              Mask active) const override {
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
 
-        BSDFSample3f bs   = dr::zeros<BSDFSample3f>();
-        Float cos_theta_i = Frame3f::cos_theta(si.wi);
-        active &= cos_theta_i > 0.f;
+        active &= Frame3f::cos_theta(si.wi) > 0.f;
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
-            return { bs, 0.f };
-        Mask visible = active;
-
-        Normal3f m;
-        Float weight;
-        auto [alpha_u, alpha_v] = roughness(si, active);
-        if (mitsubas_own()) {
-            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
-            std::tie(m, bs.pdf)          = distr.sample(si.wi, sample2);
-            bs.wo                        = reflect(si.wi, m);
-            active &= bs.pdf != 0.f && Frame3f::cos_theta(bs.wo) > 0.f;
-            if (m_sample_visible)
-                weight = m_height_correlated
-                             ? Float(builtin_g2(distr, si.wi, bs.wo, m) / distr.smith_g1(si.wi, m))
-                             : distr.smith_g1(bs.wo, m);
-            else
-                weight = builtin_g2(distr, si.wi, bs.wo, m) * dr::dot(si.wi, m) /
-                         (cos_theta_i * Frame3f::cos_theta(m));
-        } else {
-            auto drawn          = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
-                return distr.sample_reflection(si.wi, sample2, m_height_correlated);
-            });
-            std::tie(m, weight) = take(drawn, si.wi, bs, active);
-        }
-
-        describe_sample(bs);
-        if (m_multiple_scattering) {
-            // One of the lobes gives the direction, both of them its value and density
-            auto surface = loss_surface(alpha_u, alpha_v);
-            Float lost   = m_losses.loss(surface, si.wi);
-            Mask again   = visible && sample1 < lost;
-            bs.wo        = dr::select(
-                again, m_losses.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
-                bs.wo);
-            auto [value, pdf] = evaluate<true, true>(ctx, si, bs.wo, again || active);
-            bs.pdf            = pdf;
-            return { bs, (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
-        }
-
-        return { bs, color_sample(ctx, si, bs, m, weight, active) };
+            return { dr::zeros<BSDFSample3f>(), 0.f };
+        return with_facets(si, active, [&](const auto &facets) {
+            auto drawn = facets.draw(si.wi, sample2);
+            if (m_multiple_scattering)
+                return mix_sample(facets, drawn, ctx, si, sample1, sample2, active);
+            return color_sample(facets, drawn, ctx, si, active && drawn.valid);
+        });
     }
 
     Spectrum eval(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
@@ -289,21 +252,20 @@ public:
             return Base::eval_pdf_sample(ctx, si, wo, sample1, sample2, active);
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
 
-        BSDFSample3f bs = dr::zeros<BSDFSample3f>();
         active &= Frame3f::cos_theta(si.wi) > 0.f;
         if (unlikely(dr::none_or<false>(active)))
-            return { 0.f, 0.f, bs, 0.f };
-        auto [alpha_u, alpha_v] = roughness(si, active);
+            return { 0.f, 0.f, dr::zeros<BSDFSample3f>(), 0.f };
         Vector3f half           = dr::normalize(wo + si.wi);
         Mask lit                = active && reflects(si.wi, wo, half);
-        auto [at, drawn]        = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
-            return distr.reflected_and_sample(si.wi, wo, sample2, m_height_correlated);
-        });
-        auto [value, pdf] =
-            color<true, true>(ctx, si, wo, half, at.d, at.g, to_outgoing(at.pdf, wo, half), lit);
-        auto [m, weight] = take(drawn, si.wi, bs, active);
-        describe_sample(bs);
-        return { value, pdf, bs, color_sample(ctx, si, bs, m, weight, active) };
+        auto [alpha_u, alpha_v] = roughness(si, active);
+        return own_facets(
+            alpha_u, alpha_v,
+            [&](const auto &facets) -> std::tuple<Spectrum, Float, BSDFSample3f, Spectrum> {
+                auto [at, drawn]  = facets.at_and_draw(si.wi, wo, half, sample2);
+                auto [value, pdf] = color<true, true>(facets, at, ctx, si, wo, half, lit);
+                auto [bs, weight] = color_sample(facets, drawn, ctx, si, active && drawn.valid);
+                return { value, pdf, bs, weight };
+            });
     }
 
     std::string to_string() const override {
@@ -361,12 +323,14 @@ private:
         using MultipleScattering = SgtdMultipleScattering<Float>;
         // Mitsuba's own distributions have no tables of ours
         std::shared_ptr<const sgtd::host::Ndf> ndf =
-            m_ndf ? m_ndf : sgtd::host::Ndf::get(m_node.shape, 1e-5, false);
+            m_ndf ? m_ndf : sgtd::host::Ndf::get(m_node.shape, sgtd::host::DefaultAccuracy, false);
         // A roughness that is no number counts as one that varies
         std::optional<double> u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
         if (m_anisotropic && u && v) {
-            auto scaled = [&](double alpha) { return std::max(alpha * m_node.alpha_scale, 1e-4); };
-            m_losses    = MultipleScattering::load(
+            auto scaled = [&](double alpha) {
+                return std::max(alpha * m_node.alpha_scale, sgtd::host::LeastAlpha);
+            };
+            m_losses = MultipleScattering::load(
                 ndf->losses(m_height_correlated, scaled(*u), scaled(*v)), scaled(*u), scaled(*v));
         } else {
             m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
@@ -392,23 +356,35 @@ private:
     //  Evaluation
     // ------------------------------------------------------------------
 
-    /// The roughness, as `roughness` gives it, as the table of losses knows it.
-    auto loss_surface(const Float &alpha_u, const Float &alpha_v) const {
-        auto least = [&](const Float &alpha) {
-            return dr::maximum(m_builtin ? alpha : alpha * m_tables.alpha_scale, 1e-4f);
-        };
-        return m_losses.surface(least(alpha_u), least(alpha_v));
+    /// Calls `f` with the facets at a place.
+    template <typename Function>
+    auto with_facets(const SurfaceInteraction3f &si, const Mask &active, const Function &f) const {
+        return Base::template with_facets<BuiltinFacets<Float, Spectrum>>(
+            si, active,
+            [&](const Float &alpha_u, const Float &alpha_v, const auto &f_) {
+                return own_facets(alpha_u, alpha_v, f_);
+            },
+            f);
     }
 
-    /// Does Mitsuba's own distribution run, with its own sampling?
-    bool mitsubas_own() const { return m_builtin && !m_sample_bounded; }
-
-    /// Calls with the distribution of ours that runs.
-    template <typename Call>
-    auto with_distribution(const Float &alpha_u, const Float &alpha_v, const Call &call) const {
+    /// The same for those that are not Mitsuba's own.
+    template <typename Function>
+    auto own_facets(const Float &alpha_u, const Float &alpha_v, const Function &f) const {
+        using Closed = GgxReflection<Float, Spectrum>;
+        using Tables = SgtdDistribution<Float, Spectrum>;
         if (m_builtin)
-            return call(GgxReflection<Float, Spectrum>(alpha_u, alpha_v));
-        return call(Distribution(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic));
+            return f(ReflectingFacets<Float, Spectrum, Closed>(
+                alpha_u, alpha_v, m_height_correlated, alpha_u, alpha_v));
+        return f(ReflectingFacets<Float, Spectrum, Tables>(
+            alpha_u * m_tables.alpha_scale, alpha_v * m_tables.alpha_scale, m_height_correlated,
+            *m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic));
+    }
+
+    /// The roughness as the table of losses knows it.
+    template <typename Facets> auto loss_surface(const Facets &facets) const {
+        const auto least = (ScalarFloat)sgtd::host::LeastAlpha;
+        return m_losses.surface(dr::maximum(facets.alpha_u(), least),
+                                dr::maximum(facets.alpha_v(), least));
     }
 
     /// Is the facet `m` seen from its front side from both directions?
@@ -417,109 +393,101 @@ private:
                dr::dot(wi, m) > 0.f && dr::dot(wo, m) > 0.f;
     }
 
-    /// From the density of normals to that of outgoing directions.
-    static Float to_outgoing(const Float &pdf, const Vector3f &wo, const Vector3f &m) {
-        return pdf / (4.f * dr::maximum(dr::dot(wo, m), 1e-18f));
-    }
-
-    /// Takes over a normal that was drawn; returns it with the weight of a perfect mirror.
-    template <typename Drawn> static std::pair<Normal3f, Float>
-    take(const Drawn &drawn, const Vector3f &wi, BSDFSample3f &bs, Mask &active) {
-        Float facing = dr::dot(wi, drawn.m);
-        bs.pdf       = drawn.pdf;
-        bs.wo        = reflect(wi, drawn.m);
-        // A cosine below 1e-7 is the rounding of the reflection, its sign included
-        active &= drawn.pdf > 0.f && Frame3f::cos_theta(bs.wo) > 1e-7f && facing > 0.f;
-        return { drawn.m, drawn.d_over_pdf * drawn.g * facing / Frame3f::cos_theta(wi) };
-    }
-
-    static void describe_sample(BSDFSample3f &bs) {
+    static BSDFSample3f sample_towards(const Vector3f &wo, const Float &pdf) {
+        BSDFSample3f bs      = dr::zeros<BSDFSample3f>();
+        bs.wo                = wo;
+        bs.pdf               = pdf;
         bs.eta               = 1.f;
         bs.sampled_component = 0;
         bs.sampled_type      = +BSDFFlags::GlossyReflection;
+        return bs;
     }
 
-    /// The weight of a sample in color; makes its density that of the direction.
-    Spectrum color_sample(const BSDFContext &ctx, const SurfaceInteraction3f &si, BSDFSample3f &bs,
-                          const Normal3f &m, const Float &weight, Mask active) const {
-        bs.pdf /= 4.f * dr::dot(bs.wo, m);
-        Spectrum F                 = reflectance(ctx, si, bs.wo, m, active);
-        UnpolarizedSpectrum result = weight;
+    /// A sample of single scattering, in color.
+    template <typename Facets, typename Drawn> std::pair<BSDFSample3f, Spectrum>
+    color_sample(const Facets &facets, const Drawn &drawn, const BSDFContext &ctx,
+                 const SurfaceInteraction3f &si, Mask active) const {
+        // From normals to outgoing directions
+        Float pdf                  = drawn.pdf / (4.f * dr::dot(drawn.wo, drawn.m));
+        Spectrum F                 = reflectance(facets, ctx, si, drawn.wo, drawn.m, active);
+        UnpolarizedSpectrum result = drawn.weight;
         if (m_specular_reflectance)
             result *= m_specular_reflectance->eval(si, active);
-        return (F * result) & active;
+        return { sample_towards(drawn.wo, pdf), (F * result) & active };
+    }
+
+    /// A sample of both lobes: one of them gives the direction, both its value and density.
+    template <typename Facets, typename Drawn>
+    std::pair<BSDFSample3f, Spectrum> mix_sample(const Facets &facets, const Drawn &drawn,
+                                                 const BSDFContext &ctx,
+                                                 const SurfaceInteraction3f &si, Float sample1,
+                                                 const Point2f &sample2, Mask active) const {
+        auto surface = loss_surface(facets);
+        Float lost   = m_losses.loss(surface, si.wi);
+        Mask again   = active && sample1 < lost;
+        Vector3f wo  = dr::select(
+            again, m_losses.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
+            drawn.wo);
+        Vector3f m        = dr::normalize(wo + si.wi);
+        Mask seen         = (again || (active && drawn.valid)) && reflects(si.wi, wo, m);
+        auto [value, pdf] = evaluate<true, true>(facets, ctx, si, wo, m, seen);
+        return { sample_towards(wo, pdf), (value / dr::maximum(pdf, 1e-30f)) & (pdf > 0.f) };
     }
 
     /// The value of the BSDF times the cosine, and the density of `wo` under sample().
     template <bool Value, bool Pdf>
     std::pair<Spectrum, Float> evaluate(const BSDFContext &ctx, const SurfaceInteraction3f &si,
                                         const Vector3f &wo, Mask active) const {
-        Float cos_theta_i = Frame3f::cos_theta(si.wi);
-        Vector3f m        = dr::normalize(wo + si.wi);
+        Vector3f m = dr::normalize(wo + si.wi);
         active &= reflects(si.wi, wo, m);
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
             return { 0.f, 0.f };
+        return with_facets(si, active, [&](const auto &facets) {
+            return evaluate<Value, Pdf>(facets, ctx, si, wo, m, active);
+        });
+    }
 
-        Float D = 0.f, G = 0.f, pdf = 0.f;
-        auto [alpha_u, alpha_v] = roughness(si, active);
-        if (mitsubas_own()) {
-            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
-            if constexpr (Value || Pdf)
-                D = distr.eval(m);
-            if constexpr (Value)
-                G = builtin_g2(distr, si.wi, wo, m);
-            if constexpr (Pdf)
-                pdf = m_sample_visible ? D * distr.smith_g1(si.wi, m) / (4.f * cos_theta_i)
-                                       : distr.pdf(si.wi, m) / (4.f * dr::dot(wo, m));
-        } else {
-            auto at = with_distribution(alpha_u, alpha_v, [&](const auto &distr) {
-                return distr.template reflected<Value, Pdf>(si.wi, wo, m_height_correlated);
-            });
-            D       = at.d;
-            G       = at.g;
-            if constexpr (Pdf)
-                pdf = to_outgoing(at.pdf, wo, m);
-        }
-        auto result = color<Value, Pdf>(ctx, si, wo, m, D, G, pdf, active);
+    /// The same for given facets, of which `m` reflects.
+    template <bool Value, bool Pdf, typename Facets>
+    std::pair<Spectrum, Float> evaluate(const Facets &facets, const BSDFContext &ctx,
+                                        const SurfaceInteraction3f &si, const Vector3f &wo,
+                                        const Vector3f &m, Mask active) const {
+        auto at     = facets.template at<Value, Pdf>(si.wi, wo, m);
+        auto result = color<Value, Pdf>(facets, at, ctx, si, wo, m, active);
         if (m_multiple_scattering)
-            add_multiple_scattering<Value, Pdf>(si, wo, alpha_u, alpha_v, active, result.first,
+            add_multiple_scattering<Value, Pdf>(facets, si, wo, active, result.first,
                                                 result.second);
         return result;
     }
 
-    /// Value and density in color, from D, masking and density at the facet `m`.
-    template <bool Value, bool Pdf>
-    std::pair<Spectrum, Float> color(const BSDFContext &ctx, const SurfaceInteraction3f &si,
-                                     const Vector3f &wo, const Vector3f &m, const Float &D,
-                                     const Float &G, const Float &pdf, Mask active) const {
-        Float cos_theta_i = Frame3f::cos_theta(si.wi);
-        if (!mitsubas_own())
-            // Products of denormal cosines are 0, and their quotients not a number
-            active &= dr::minimum(cos_theta_i, Frame3f::cos_theta(wo)) > 1e-30f;
+    /// Value and density of single scattering in color.
+    template <bool Value, bool Pdf, typename Facets, typename At>
+    std::pair<Spectrum, Float> color(const Facets &facets, const At &at, const BSDFContext &ctx,
+                                     const SurfaceInteraction3f &si, const Vector3f &wo,
+                                     const Vector3f &m, Mask active) const {
+        Float cos_theta_i = Frame3f::cos_theta(si.wi), pdf = 0.f;
+        active   = facets.defined(active, cos_theta_i, Frame3f::cos_theta(wo));
+        Mask lit = active;
         Spectrum value(0.f);
         if constexpr (Value) {
-            UnpolarizedSpectrum result = D * G / (4.f * cos_theta_i);
-            Mask lit                   = active && D != 0.f;
-            if (mitsubas_own())
-                active = lit;
-            else // within 1e-18 of grazing, D and 1/cos leave single precision
-                lit &= dr::all(dr::isfinite(result));
-            Spectrum F = reflectance(ctx, si, wo, m, lit);
+            UnpolarizedSpectrum result = at.d * at.g / (4.f * cos_theta_i);
+            lit                        = facets.lit(active, at.d, dr::all(dr::isfinite(result)));
+            Spectrum F                 = reflectance(facets, ctx, si, wo, m, lit);
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, lit);
             value = (F * result) & lit;
         }
-        if (!mitsubas_own())
-            active &= dr::isfinite(pdf);
-        return { value, dr::select(active, pdf, 0.f) };
+        if constexpr (Pdf)
+            pdf = dr::select(facets.dense(active, lit, at.pdf), at.pdf, 0.f);
+        return { value, pdf };
     }
 
     /// Adds the lobe that returns what single scattering loses, and the density of its samples.
-    template <bool Value, bool Pdf>
-    void add_multiple_scattering(const SurfaceInteraction3f &si, const Vector3f &wo,
-                                 const Float &alpha_u, const Float &alpha_v, const Mask &active,
-                                 Spectrum &value, Float &pdf) const {
-        auto surface = loss_surface(alpha_u, alpha_v);
+    template <bool Value, bool Pdf, typename Facets>
+    void add_multiple_scattering(const Facets &facets, const SurfaceInteraction3f &si,
+                                 const Vector3f &wo, const Mask &active, Spectrum &value,
+                                 Float &pdf) const {
+        auto surface = loss_surface(facets);
         Float lost   = m_losses.loss(surface, si.wi);
         if constexpr (Value) {
             dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
@@ -537,14 +505,13 @@ private:
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
     /// polarized.
-    Spectrum reflectance(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
-                         const Vector3f &m, Mask active) const {
+    template <typename Facets> Spectrum reflectance(const Facets &facets, const BSDFContext &ctx,
+                                                    const SurfaceInteraction3f &si,
+                                                    const Vector3f &wo, const Vector3f &m,
+                                                    Mask active) const {
         dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
-        // Below 1e-10 the square of the cosine is 0, and Fresnel's equations are 0/0 for eta = 1.
-        // Mitsuba's own distributions stay what they are in roughconductor, to the last operation.
         auto cosine = [&](const Vector3f &w) {
-            Float c = dr::dot(w, m);
-            return UnpolarizedSpectrum(mitsubas_own() ? c : dr::maximum(c, 1e-10f));
+            return UnpolarizedSpectrum(facets.incidence(dr::dot(w, m)));
         };
         if constexpr (is_polarized_v<Spectrum>) {
             // Light comes from wo, and an adjoint query swaps the two directions

@@ -84,11 +84,9 @@ template <typename Float, typename Spectrum> class SgtdDielectric final
     : public SgtdBSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
-                   m_sample_visible, m_height_correlated, m_builtin, m_ndf, m_tables, builtin,
-                   builtin_g2, changed, check_constant, describe, normals, restore, roughness,
-                   to_stokes_bases, watch)
-    MI_IMPORT_TYPES(Texture, MicrofacetDistribution)
-    using Distribution = SgtdDistribution<Float, Spectrum>;
+                   m_height_correlated, m_ndf, m_tables, changed, check_constant, describe, normals,
+                   restore, to_stokes_bases, watch)
+    MI_IMPORT_TYPES(Texture)
 
     SgtdDielectric(const Properties &props) : Base(props, false) {
         for (const char *name : { "specular_reflectance", "specular_transmittance" })
@@ -170,12 +168,13 @@ public:
         // A view from below is turned about the origin: D and G are even
         Vector3f wi = dr::mulsign(si.wi, side);
 
-        // `weigh` gives D G / (pdf_m cos_i) times wi.m
-        auto finish = [&](const Normal3f &m, const Float &pdf_m,
-                          const auto &weigh) -> std::pair<BSDFSample3f, Spectrum> {
+        auto draw = [&](const auto &facets) -> std::pair<BSDFSample3f, Spectrum> {
+            auto drawn  = facets.sample(wi, cos_i, sample2);
+            Normal3f m  = drawn.m;
             Float dot_i = dr::dot(si.wi, m);
+            active      = facets.faces(active, wi, drawn);
             if (!m_ordinary) // otherwise bs.pdf > 0 says so
-                active &= pdf_m > 0.f;
+                active &= drawn.pdf > 0.f;
 
             auto [F, cos_t, eta, inv_eta] = fresnel(dot_i, m_eta);
             Mask reflected                = reflects;
@@ -207,52 +206,27 @@ public:
                   less = dr::select(straight, 1.f, (1.f - eta) * (1.f + eta)) / sum,
                   jacobian =
                       dr::select(reflected, dr::rcp(4.f * dot_i), dr::square(eta / less) * cos_t);
-            bs.pdf               = probability * dr::select(straight, 1.f, pdf_m * jacobian);
+            bs.pdf               = probability * dr::select(straight, 1.f, drawn.pdf * jacobian);
             bs.eta               = dr::select(reflected, 1.f, eta);
             bs.sampled_component = dr::select(reflected, UInt32(0), UInt32(1));
             bs.sampled_type      = dr::select(reflected, UInt32(+BSDFFlags::GlossyReflection),
                                               dr::select(straight, UInt32(+BSDFFlags::DeltaTransmission),
                                                          UInt32(+BSDFFlags::GlossyTransmission)));
 
-            weight *= weigh(bs.wo, reflected, dot_i);
+            // The cosine on the side that the sample should be on
+            active      = facets.leaves(active,
+                                        dr::mulsign_neg(dr::mulsign(Frame3f::cos_theta(bs.wo), side),
+                                                        dr::select(reflected, Float(-1.f), Float(1.f))));
+            Vector3f in = facets.upright(si.wi), out = facets.upright(bs.wo);
+            weight *= facets.weight(drawn, in, out, dot_i, cos_i,
+                                    [&] { return masking(facets, in, out, m, reflected); });
             if (ctx.mode == TransportMode::Radiance)
                 weight *= dr::select(reflected, 1.f, dr::square(inv_eta));
             active &= dr::isfinite(weight) && dr::isfinite(bs.pdf) && bs.pdf > 0.f;
             return { bs, colored(ctx, si, bs.wo, m, weight, reflected, active) };
         };
 
-        auto [alpha_u, alpha_v] = roughness(si, active);
-        if (m_builtin) {
-            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
-            auto [m_, pdf_]              = widened(distr, cos_i).sample(wi, sample2);
-            Normal3f m                   = m_;
-            Float pdf_m                  = pdf_;
-            return finish(
-                m, pdf_m, [&](const Vector3f &wo, const Mask &reflected, const Float &dot_i) {
-                    if (!m_sample_visible)
-                        return Float(distr.eval(m) / dr::maximum(pdf_m, 1e-30f) *
-                                     masking(distr, si.wi, wo, m, reflected) * dot_i / cos_i);
-                    // What is left of D, exactly, also where D and the density underflow
-                    return m_height_correlated ? Float(masking(distr, si.wi, wo, m, reflected) /
-                                                       distr.smith_g1(si.wi, m))
-                                               : distr.smith_g1(wo, m);
-                });
-        } else {
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic);
-            auto drawn = distr.sample(wi, sample2);
-            active &= dr::dot(wi, drawn.m) > 0.f;
-            return finish(
-                drawn.m, drawn.pdf,
-                [&](const Vector3f &wo, const Mask &reflected, const Float &dot_i) {
-                    // A cosine below 1e-7 is the rounding of the direction, its sign
-                    // included
-                    active &=
-                        dr::mulsign_neg(dr::mulsign(Frame3f::cos_theta(wo), side),
-                                        dr::select(reflected, Float(-1.f), Float(1.f))) > 1e-7f;
-                    return Float(drawn.d_over_pdf * masking(distr, wi, wo, drawn.m, reflected) *
-                                 dot_i / cos_i);
-                });
-        }
+        return with_facets(si, active, draw);
     }
 
     Spectrum eval(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
@@ -353,35 +327,34 @@ private:
     //  Evaluation
     // ------------------------------------------------------------------
 
-    /// What Mitsuba's own distribution is sampled from: where all normals are drawn, rough ones
-    /// more often (Walter et al. 2007, section 5.3).
-    MicrofacetDistribution widened(MicrofacetDistribution distr, const Float &cos_i) const {
-        if (!m_sample_visible)
-            distr.scale_alpha(1.2f - .2f * dr::sqrt(cos_i));
-        return distr;
+    /// Calls `f` with the facets at a place.
+    template <typename Function>
+    auto with_facets(const SurfaceInteraction3f &si, const Mask &active, const Function &f) const {
+        return Base::template with_facets<BuiltinRefractingFacets<Float, Spectrum>>(
+            si, active,
+            [&](const Float &alpha_u, const Float &alpha_v, const auto &f_) {
+                return f_(RefractingFacets<Float, Spectrum>(m_height_correlated, *m_ndf, m_tables,
+                                                            alpha_u, alpha_v, normals(),
+                                                            !m_anisotropic));
+            },
+            f);
     }
 
-    /// Masking and shadowing; `wo` is on the side of `wi` if `reflected`. A facet is seen from a
+    /// Masking and shadowing; `wo` was on the side of `wi` if `reflected`. A facet is seen from a
     /// direction as its reverse is from the opposite one.
-    template <typename Distr> Float masking(const Distr &distr, const Vector3f &wi,
-                                            const Vector3f &wo, const Vector3f &m,
-                                            const Mask &reflected) const {
-        if constexpr (std::is_same_v<Distr, Distribution>) {
-            Vector3f up = dr::mulsign(wo, Frame3f::cos_theta(wo));
-            Float G     = distr.G(wi, up, m, m_height_correlated);
-            return m_height_correlated ? correlated(distr, wi, up, m, reflected, G) : G;
-        } else {
-            Float G = builtin_g2(distr, wi, wo, m);
-            return m_height_correlated ? correlated(distr, wi, wo, m, reflected, G) : G;
-        }
+    template <typename Facets> Float masking(const Facets &facets, const Vector3f &wi,
+                                             const Vector3f &wo, const Vector3f &m,
+                                             const Mask &reflected) const {
+        Float G = facets.G(wi, wo, m);
+        return m_height_correlated ? correlated(facets, wi, wo, m, reflected, G) : G;
     }
 
     /// Masking and shadowing correlated by height, from that of a reflection.
-    template <typename Distr>
-    static Float correlated(const Distr &distr, const Vector3f &wi, const Vector3f &wo,
+    template <typename Facets>
+    static Float correlated(const Facets &facets, const Vector3f &wi, const Vector3f &wo,
                             const Vector3f &m, const Mask &reflected, const Float &reflection) {
         return dr::select(reflected, reflection,
-                          correlated_transmission(distr.smith_g1(wi, m), distr.smith_g1(wo, m)));
+                          correlated_transmission(facets.smith_g1(wi, m), facets.smith_g1(wo, m)));
     }
 
     /// The value of the BSDF times the cosine, and the density of `wo` under sample().
@@ -421,54 +394,34 @@ private:
         dot_i = dr::abs(dot_i);
         dot_o = dr::abs(dot_o);
 
-        Float D = 0.f, G = 0.f, pdf_m = 0.f;
-        Mask lit                = true;
-        auto [alpha_u, alpha_v] = roughness(si, active);
-        if (m_builtin) {
-            MicrofacetDistribution distr = builtin(alpha_u, alpha_v);
-            if constexpr (Value || Pdf)
-                D = distr.eval(m);
-            if constexpr (Value)
-                G = masking(distr, si.wi, wo, m, reflected);
-            if constexpr (Pdf)
-                pdf_m = m_sample_visible ? Float(D * distr.smith_g1(si.wi, m) * dot_i / cos_i)
-                                         : widened(distr, cos_i).pdf(si.wi, m);
-        } else {
-            // Products of denormal cosines are 0, and their quotients not a number
-            active &= dr::minimum(cos_i, dr::abs(cos_o)) > 1e-30f;
-            Vector3f wi = dr::mulsign(si.wi, side);
-            Distribution distr(*m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic);
+        return with_facets(si, active, [&](const auto &facets) -> std::pair<Spectrum, Float> {
+            active      = facets.defined(active, cos_i, cos_o);
+            Vector3f in = facets.upright(si.wi), out = facets.upright(wo);
+            Float D = 0.f, pdf = 0.f;
+            if constexpr (Value || std::decay_t<decltype(facets)>::DensityFromValue)
+                D = facets.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(Vector3f(wo * scale), h.z()),
+                                m);
+            // d(m) / d(wo); h is as long as wi.m + eta wo.m
+            Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_o, 1e-18f)),
+                                        dr::square(eta) * dot_o / h2);
+
+            Spectrum value(0.f);
             if constexpr (Value) {
-                D = distr.eval(dr::mulsign(si.wi, h.z()), dr::mulsign(Vector3f(wo * scale), h.z()));
-                G = masking(distr, wi, wo, m, reflected);
-                lit = D > 0.f;
+                Float result = share * D * masking(facets, in, out, m, reflected) *
+                               dr::select(reflected, Float(.25f), jacobian * dot_i) / cos_i;
+                if (ctx.mode == TransportMode::Radiance)
+                    result *= dr::select(reflected, 1.f, dr::square(inv_eta));
+                value = colored(ctx, si, wo, m, result, reflected,
+                                facets.lit(active, D, dr::isfinite(result)));
             }
-            if constexpr (Pdf)
-                pdf_m = distr.pdf(wi, m);
-        }
-
-        // d(m) / d(wo); h is as long as wi.m + eta wo.m
-        Float jacobian = dr::select(reflected, dr::rcp(4.f * dr::maximum(dot_o, 1e-18f)),
-                                    dr::square(eta) * dot_o / h2);
-
-        Spectrum value(0.f);
-        if constexpr (Value) {
-            Float result =
-                share * D * G * dr::select(reflected, Float(.25f), jacobian * dot_i) / cos_i;
-            if (ctx.mode == TransportMode::Radiance)
-                result *= dr::select(reflected, 1.f, dr::square(inv_eta));
-            // Within 1e-18 of grazing, D and 1/cos leave single precision
-            value =
-                colored(ctx, si, wo, m, result, reflected, active && lit && dr::isfinite(result));
-        }
-        Float pdf = 0.f;
-        if constexpr (Pdf) {
-            pdf = pdf_m * jacobian;
-            if (reflects && transmits)
-                pdf *= share;
-            pdf = dr::select(active && dr::isfinite(pdf), pdf, 0.f);
-        }
-        return { value, pdf };
+            if constexpr (Pdf) {
+                pdf = facets.pdf(in, m, D, dot_i, cos_i) * jacobian;
+                if (reflects && transmits)
+                    pdf *= share;
+                pdf = dr::select(active && dr::isfinite(pdf), pdf, 0.f);
+            }
+            return { value, pdf };
+        });
     }
 
     /// Multiplies by the textures; a Mueller matrix with `value` as its first element if polarized.

@@ -121,7 +121,8 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
 
     node_of_tree = _core.lowest_node(shape)
     reduced, node_scale = node_of_tree.shape, node_of_tree.alpha_scale
-    builtin = "ggx" if node_of_tree.closed_form else "beckmann" if row == "beckmann" and reduced.shift == 0.0 else ""
+    path = _core.code_path(row, shape, bool(values.get("sample_bounded", False)))
+    builtin = "" if path == "tables" else path
     accuracy = float(values.get("accuracy", DEFAULTS["accuracy"]))
     visible = bool(values.get("sample_visible", DEFAULTS["sample_visible"]))
     anisotropic = "alpha_u" in values
