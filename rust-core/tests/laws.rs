@@ -6,13 +6,15 @@
 
 mod cases;
 
+use cases::tables::{KINDS, random_table};
 use cases::{Case, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::numerics::quadrature::gauss;
-use sgtd_core::profile::{Profile, Tail};
+use sgtd_core::profile::{MixtureProfile, Part, Profile, Tail};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Permitted error of laws at accuracy 0.
 const TOLERANCE: f64 = 1e-9;
@@ -37,6 +39,23 @@ fn ndf(case: Case, accuracy: f64) -> Ndf {
 /// Runs a law on every row of the family, in parallel.
 fn for_all_rows(accuracy: f64, law: impl Fn(&str, &Ndf) + Sync) {
     row_cases().into_par_iter().for_each(|(name, case)| law(name, &ndf(case, accuracy)));
+}
+
+/// The same on tables of every kind, and on mixtures of a table and a row.
+fn for_all_profiles(accuracy: f64, law: impl Fn(&str, &Ndf) + Sync) {
+    for_all_rows(accuracy, &law);
+    let mut random = Random::seeded("tables");
+    let tables: Vec<_> =
+        (0..3 * KINDS).map(|k| (k, random_table(&mut random, k % KINDS, [3, 20, 64][(k / KINDS) as usize]))).collect();
+    tables.par_iter().for_each(|(k, points)| {
+        let new = |profile: Box<dyn Profile>| Ndf::new(profile, accuracy).unwrap_or_else(|error| panic!("{error}"));
+        law(&format!("table {k}: {points:?}"), &new(Box::new(points.profile())));
+        let row: Arc<dyn Profile> = Arc::new(row_cases()[*k as usize % 10].1.profile());
+        let parts = [(0.7, 0.3, row), (0.3, 0.1, Arc::new(points.profile()) as _)];
+        let parts = parts.map(|(weight, scale, profile)| Part { weight, scale, profile });
+        let mixture = MixtureProfile::new(parts.to_vec()).unwrap_or_else(|error| panic!("{error}"));
+        law(&format!("mixture with table {k}: {points:?}"), &new(Box::new(mixture)));
+    });
 }
 
 /// Nodes and weights of `∫₀^∞ … dρ` for integrands like f times powers of ρ, with a singularity at `kink`.
@@ -97,7 +116,7 @@ fn over_normals(profile: &dyn Profile, alpha: Roughness, w: DVec3, mut value: im
 
 #[test]
 fn projected_normals_integrate_to_one() {
-    for_all_rows(0.0, |name, ndf| {
+    for_all_profiles(0.0, |name, ndf| {
         for alpha in ALPHAS {
             let whole = over_normals(ndf.profile(), alpha, DVec3::Z, |m| ndf.d(alpha, m) * m.z);
             assert!((whole - 1.0).abs() < TOLERANCE, "{name} {alpha:?}: ∫ D cos = 1 {:+e}", whole - 1.0);
@@ -135,7 +154,7 @@ fn projected_normals_integrate_to_one_in_real_angles() {
 /// Heitz 2014, Eq. 16: what is visible of the microsurface covers the view exactly.
 #[test]
 fn weak_white_furnace() {
-    for_all_rows(0.0, |name, ndf| {
+    for_all_profiles(0.0, |name, ndf| {
         for alpha in ALPHAS {
             for w in views() {
                 let seen = over_normals(ndf.profile(), alpha, w, |m| ndf.d(alpha, m) * w.dot(m).max(0.0));
@@ -150,7 +169,7 @@ fn weak_white_furnace() {
 #[test]
 fn weak_white_furnace_with_tables() {
     for accuracy in [1e-2, 1e-4, 1e-6] {
-        for_all_rows(accuracy, |name, ndf| {
+        for_all_profiles(accuracy, |name, ndf| {
             for w in views() {
                 let alpha = ALPHAS[2];
                 let seen = over_normals(ndf.profile(), alpha, w, |m| ndf.d(alpha, m) * w.dot(m).max(0.0));

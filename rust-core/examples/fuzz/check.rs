@@ -4,6 +4,8 @@ use glam::DVec3;
 use sgtd_core::family::shape::Shape;
 use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::ndf::{Ndf, NormalSample, Roughness, Shadowing};
+use sgtd_core::profile::{MixtureProfile, Part, TableTail, TabulatedProfile};
+use std::sync::Arc;
 
 /// xorshift64* (Vigna 2016).
 #[derive(Debug, Clone)]
@@ -97,6 +99,76 @@ impl Parameters {
     pub fn bits(&self) -> String {
         let numbers = [self.gamma, self.p, self.lambda, self.shift, self.accuracy];
         format!("{self:?} = {:016x?}", numbers.map(f64::to_bits))
+    }
+}
+
+/// A table as a user might bring it, or a mixture of two.
+#[derive(Debug, Clone)]
+pub struct Tables {
+    tables: Vec<(Vec<f64>, Vec<f64>, TableTail)>,
+    accuracy: f64,
+    weight: f64,
+    scale: f64,
+}
+
+impl Tables {
+    /// Draws them; many, but not all of them, are accepted.
+    pub fn draw(bits: &mut Bits) -> Self {
+        let tables = (0..1 + u64::from(bits.next().is_multiple_of(4))).map(|_| Self::table(bits)).collect();
+        let accuracy = bits.log_between(1e-6, 0.1);
+        Self { tables, accuracy, weight: bits.log_between(1e-12, 1.0), scale: bits.log_between(1e-4, 1e4) }
+    }
+
+    fn table(bits: &mut Bits) -> (Vec<f64>, Vec<f64>, TableTail) {
+        let count = match bits.next() % 16 {
+            0 => 2,
+            1 => 250,
+            2 if bits.next().is_multiple_of(8) => 1000,
+            _ => 2 + bits.next() % 40,
+        };
+        let unit = bits.log_between(1e-5, 1e3);
+        let mut slopes: Vec<f64> = match bits.next() % 3 {
+            0 => (0..count).map(|k| unit * k as f64).collect(),
+            1 => (0..count).map(|_| unit * bits.log_between(1e-12, 1e3)).collect(),
+            _ => (0..count).map(|_| unit * (1.0 + bits.log_between(1e-15, 1e2))).collect(),
+        };
+        slopes.sort_by(f64::total_cmp);
+        let kind = bits.next() % 8;
+        let steep = bits.log_between(0.1, 50.0);
+        let values = slopes
+            .iter()
+            .map(|&x| match kind {
+                0 => (1.0 + (x / unit).powi(2)).powf(-steep),
+                1 => (-(x / unit).powi(2)).exp(),
+                2 => bits.unit(),
+                3 => bits.log_between(1e-300, 1e300),
+                4 => bits.log_between(1e-20, 1.0),
+                5 => bits.one_of([0.0, 1.0, 1e-300, 5e-324, 0.5]),
+                6 if bits.next().is_multiple_of(64) => bits.raw(),
+                _ => (1.0 + (x / unit).powi(2)).powi(-2) * (0.9 + 0.2 * bits.unit()),
+            })
+            .collect();
+        let tail = match bits.next() % 4 {
+            0 => TableTail::Cut,
+            1 => TableTail::Power(None),
+            _ => TableTail::Power(Some(3.0 + bits.log_between(1e-6, 1e3))),
+        };
+        (slopes, values, tail)
+    }
+
+    /// The core's object, or `None` where the tables are refused.
+    pub fn build(&self, reference: bool) -> Option<Ndf> {
+        let new = |(slopes, values, tail): &(Vec<f64>, Vec<f64>, TableTail)| {
+            TabulatedProfile::new(slopes, values, *tail).ok()
+        };
+        let accuracy = if reference { 0.0 } else { self.accuracy };
+        let first = new(&self.tables[0])?;
+        let Some(second) = self.tables.get(1) else { return Ndf::new(Box::new(first), accuracy).ok() };
+        let parts = vec![
+            Part { weight: 1.0, scale: 1.0, profile: Arc::new(first) },
+            Part { weight: self.weight, scale: self.scale, profile: Arc::new(new(second)?) },
+        ];
+        Ndf::new(Box::new(MixtureProfile::new(parts).ok()?), accuracy).ok()
     }
 }
 
@@ -209,7 +281,7 @@ pub fn check(ndf: &Ndf, input: &Input) -> Result<(), String> {
     }
     let profile = ndf.profile();
     let (f, cdf, sf) = (profile.f(x), profile.cdf(x), profile.sf(x));
-    if !bounded(f, 1.0) {
+    if !bounded(f, 1.0 + 1e-12) {
         return fail("f", f);
     }
     if !bounded(cdf, 1.0) {

@@ -7,7 +7,7 @@
 
 mod check;
 
-use check::{Bits, Input, Parameters, check, check_inverses};
+use check::{Bits, Input, Parameters, Tables, check, check_inverses};
 use rayon::prelude::*;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -33,10 +33,17 @@ struct Counts {
 /// One shape and its inputs.
 fn run(seed: u64, counts: &Counts) -> Result<(), String> {
     let mut bits = Bits::new(seed);
-    let parameters = Parameters::draw(&mut bits);
     counts.tried.fetch_add(1, Ordering::Relaxed);
-    let reference = bits.next().is_multiple_of(REFERENCE_EVERY);
-    let Some(ndf) = parameters.build(reference) else { return Ok(()) };
+    let (built, what, reference) = if seed.is_multiple_of(2) {
+        let tables = Tables::draw(&mut bits);
+        let reference = bits.next().is_multiple_of(REFERENCE_EVERY);
+        (tables.build(reference), format!("seed {seed}, {tables:?}"), reference)
+    } else {
+        let parameters = Parameters::draw(&mut bits);
+        let reference = bits.next().is_multiple_of(REFERENCE_EVERY);
+        (parameters.build(reference), parameters.bits(), reference)
+    };
+    let Some(ndf) = built else { return Ok(()) };
     counts.accepted.fetch_add(1, Ordering::Relaxed);
     let inputs = if reference { REFERENCE_INPUTS } else { INPUTS };
     for k in 0..inputs {
@@ -45,7 +52,7 @@ fn run(seed: u64, counts: &Counts) -> Result<(), String> {
         if k % INVERSES_EVERY == 0 {
             result = result.and_then(|()| check_inverses(&ndf, &input));
         }
-        result.map_err(|error| format!("{}, reference {reference}:\n{error}", parameters.bits()))?;
+        result.map_err(|error| format!("{what}, reference {reference}:\n{error}"))?;
     }
     counts.inputs.fetch_add(inputs, Ordering::Relaxed);
     if reference {

@@ -4,6 +4,7 @@
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
 
 pub mod mixture;
+pub mod resample;
 pub mod tabulated;
 
 pub use mixture::{MixtureProfile, Part};

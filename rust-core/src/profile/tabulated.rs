@@ -14,7 +14,7 @@
 //! The knee k is the one number that the nodes do not say. It is chosen where the table is straightest: where leaving out every node in
 //! turn changes least.
 
-use crate::error::ParameterError;
+use crate::error::{ParameterError, require};
 use crate::numerics::quadrature::gauss;
 use crate::profile::{Coordinate, Profile, Tail};
 
@@ -22,8 +22,10 @@ use crate::profile::{Coordinate, Profile, Tail};
 pub const NODES: (usize, usize) = (2, 1000);
 /// A value below this share of the greatest is 0: the quotient of two values stays a number.
 const LEAST_VALUE: f64 = 1e-300;
-/// Slopes of the last node, and mean slopes, that single precision and the range of roughness can carry.
-const SLOPES: (f64, f64) = (1e-6, 1e6);
+/// Mean slopes that are a roughness.
+const WIDTHS: (f64, f64) = (1e-6, 1e6);
+/// The greatest slope of a node: what single precision can square.
+const GREATEST_SLOPE: f64 = 1e9;
 /// Cells narrower than this in `ln(k² + x²)` have no slope that is a number.
 const LEAST_SPAN: f64 = 1e-200;
 /// Log-depth between break points.
@@ -34,6 +36,8 @@ const LOG_RATIO: f64 = 1.5;
 const VALLEY: f64 = 60.0;
 /// Break points go on this far into the part of a power tail that is exact.
 const POWER_SPAN: f64 = 8.0;
+/// Quantiles of power tails end here.
+const X_MAX: f64 = 1e304;
 /// Points per panel of the mean slope; its panels are those of masking.
 const MEAN_POINTS: usize = 24;
 /// ln f × x³ is followed this far below its peak for the mean slope.
@@ -268,7 +272,7 @@ impl Cell {
 }
 
 /// The distribution of slopes in a table before it is scaled: nodes from 0 on, values with a greatest of 1.
-struct Nodes {
+pub(crate) struct Nodes {
     x: Vec<f64>,
     f: Vec<f64>,
     log_f: Vec<f64>,
@@ -291,12 +295,12 @@ impl Nodes {
             });
         }
         for (k, &x) in slopes.iter().enumerate() {
-            if !(x >= 0.0 && x <= SLOPES.1) {
+            if !(0.0..=GREATEST_SLOPE).contains(&x) {
                 return Err(row(
                     "slopes",
                     k,
                     x,
-                    "be between 0 and 1e6",
+                    "be between 0 and 1e9",
                     "slopes are tangents of angles below 90 degrees",
                 ));
             }
@@ -342,6 +346,12 @@ impl Nodes {
         Ok(Self { x, f, log_f })
     }
 
+    /// Points that are known to be in order.
+    pub(crate) fn of_points(x: &[f64], log_f: impl Iterator<Item = f64>) -> Self {
+        let log_f: Vec<f64> = log_f.collect();
+        Self { x: x.to_vec(), f: log_f.iter().map(|log| log.exp()).collect(), log_f }
+    }
+
     /// The slope below which half the normals of D·cos lie, f linear in x² between nodes: 1 for GGX at unit roughness.
     fn median(&self) -> f64 {
         let mut sums = vec![0.0];
@@ -370,7 +380,7 @@ impl Nodes {
     }
 
     /// The knee for which the table is straightest.
-    fn knee(&self) -> f64 {
+    pub(crate) fn knee(&self) -> f64 {
         /// Range of the search around the median slope, and how many points begin it.
         const RANGE: f64 = 100.0;
         const POINTS: usize = 24;
@@ -412,9 +422,31 @@ impl TabulatedProfile {
     /// Names the row, its value and what to do: rows that are not sorted, negative or no numbers, too few or too many rows, no mass; a tail
     /// for which masking is infinite.
     pub fn new(slopes: &[f64], values: &[f64], tail: TableTail) -> Result<Self, ParameterError> {
+        Self::with_knee(slopes, values, None, tail)
+    }
+
+    /// The same with the knee k of the interpolation, a slope; `None` chooses it.
+    ///
+    /// # Errors
+    /// As [`TabulatedProfile::new`], and a knee that is not positive.
+    pub fn with_knee(
+        slopes: &[f64],
+        values: &[f64],
+        knee: Option<f64>,
+        tail: TableTail,
+    ) -> Result<Self, ParameterError> {
         let nodes = Nodes::new(slopes, values)?;
-        let knee = nodes.knee();
-        Self::with_knee(&nodes, knee, tail)
+        if let Some(knee) = knee {
+            require(
+                (1e-9..=1e9).contains(&knee),
+                "knee",
+                knee,
+                "between 1e-9 and 1e9",
+                "it is the slope at which the interpolation turns from a bell into a power; leave it out to have it chosen",
+            )?;
+        }
+        let knee = knee.unwrap_or_else(|| nodes.knee());
+        Self::from_nodes(&nodes, knee, tail)
     }
 
     /// The same from polar angles in degrees, or with another quantity.
@@ -464,7 +496,7 @@ impl TabulatedProfile {
         if slopes.len() == values.len() { Self::new(slopes, &density, tail) } else { Self::new(slopes, values, tail) }
     }
 
-    fn with_knee(nodes: &Nodes, knee: f64, tail: TableTail) -> Result<Self, ParameterError> {
+    fn from_nodes(nodes: &Nodes, knee: f64, tail: TableTail) -> Result<Self, ParameterError> {
         let cells = |unit: f64| -> Vec<Cell> {
             (1..nodes.x.len())
                 .map(|k| {
@@ -486,7 +518,7 @@ impl TabulatedProfile {
         let exponent = Self::tail_exponent(&raw, tail)?;
         let unscaled = Self::assemble(raw, knee, exponent, 1.0);
         let width = unscaled.integrate_mean();
-        if !(SLOPES.0..=SLOPES.1).contains(&width) {
+        if !(WIDTHS.0..=WIDTHS.1).contains(&width) {
             return Err(ParameterError::Table {
                 problem: format!("has a mean slope of {width:e}, but it must be between 1e-6 and 1e6"),
                 mend: "slopes are tangents of angles, without a unit",
@@ -585,7 +617,11 @@ impl TabulatedProfile {
     fn at_beyond(&self, mass: f64) -> f64 {
         let beyond = self.above[self.cells.len()];
         match self.tail_cell() {
-            Some(tail) if mass < beyond => tail.at_log(-(mass / beyond).ln() / (self.tail.unwrap_or(2.0) - 1.0)),
+            Some(tail) if mass <= 0.0 => tail.end,
+            Some(tail) if mass < beyond => {
+                let log = -(mass / beyond).max(f64::MIN_POSITIVE).ln() / (self.tail.unwrap_or(2.0) - 1.0);
+                tail.at_log(log).min(X_MAX)
+            }
             _ => self.last().end,
         }
     }
@@ -760,7 +796,8 @@ impl Profile for TabulatedProfile {
         if u > 0.5 {
             return self.quantile(1.0 - u);
         }
-        let target = u / (2.0 * self.normalization);
+        // u may be the least number there is
+        let target = if u > 0.0 { (u / (2.0 * self.normalization)).max(f64::MIN_POSITIVE) } else { 0.0 };
         if target < self.above[self.cells.len()] {
             return self.at_beyond(target);
         }

@@ -40,5 +40,6 @@ pub fn second_moment(ndf: &Ndf, a: f64) -> f64 {
         }
         left = right;
     }
+    assert!(drawn < 1.0 + 1e-4, "the density integrates to {drawn}");
     second * drawn / (truth * truth)
 }
