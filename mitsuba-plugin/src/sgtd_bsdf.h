@@ -421,7 +421,7 @@ private:
                 } catch (const std::invalid_argument &error) {
                     Throw("%s", error.what());
                 }
-                tables = SgtdTables<Float>::load(*ndf, reduced);
+                tables = SgtdTables<Float>::load(*ndf, reduced, m_accuracy);
             }
 
             m_builtin        = builtin;

@@ -68,20 +68,22 @@ public:
      */
     Float eval(const Vector3f &wi, const Vector3f &wo) const {
         Float d, z;
-        if constexpr (!dr::is_jit_v<Float>) {
-            sgtd::host::Vec3 h = to_core(wi), w = to_core(wo);
-            for (size_t i = 0; i < 3; ++i)
-                h[i] += w[i];
-            h = unit(h);
-            d = (Float)std::min(m_ndf.d(m_alpha_u, m_alpha_v, h), (double)GreatestD);
-            z = (Float)h[2];
-        } else {
-            Facet facet(*this, wi + wo);
-            Float root =
-                m_tables.steep ? steep_sqrt_f(wi, wo) : m_tables.profile.sqrt_f(facet.square());
-            z = facet.cos;
-            d = dr::minimum(density(root, dr::square(facet.sec)), GreatestD);
+        if constexpr (Tables::Single) {
+            if (!by_core()) {
+                Facet facet(*this, wi + wo);
+                Float root =
+                    m_tables.steep ? steep_sqrt_f(wi, wo) : m_tables.profile.sqrt_f(facet.square());
+                z = facet.cos;
+                d = dr::minimum(density(root, dr::square(facet.sec)), GreatestD);
+                return dr::select(d * z > 1e-20f, d, 0.f);
+            }
         }
+        sgtd::host::Vec3 h = to_core(wi), w = to_core(wo);
+        for (size_t i = 0; i < 3; ++i)
+            h[i] += w[i];
+        h = unit(h);
+        d = (Float)std::min(m_ndf.d(number(m_alpha_u), number(m_alpha_v), h), (double)GreatestD);
+        z = (Float)h[2];
         return dr::select(d * z > 1e-20f, d, 0.f);
     }
 
@@ -92,11 +94,10 @@ public:
      * Lambda = H(a)/a and the area is v.z + r H(a).
      */
     Float projected_area(const Vector3f &v) const {
-        if constexpr (!dr::is_jit_v<Float>) {
-            return (Float)m_ndf.projected_area(m_alpha_u, m_alpha_v, to_core(v));
-        } else {
-            return projected_area(Stretched(*this, v));
-        }
+        if constexpr (Tables::Single)
+            if (!by_core())
+                return projected_area(Stretched(*this, v));
+        return (Float)m_ndf.projected_area(number(m_alpha_u), number(m_alpha_v), to_core(v));
     }
 
     /// Masking of the facet `m` seen from `v`.
@@ -113,38 +114,39 @@ public:
 
     /// Density of the normals that `sample` draws, per solid angle; `m` may have any length.
     Float pdf(const Vector3f &wi, const Vector3f &m) const {
-        if constexpr (!dr::is_jit_v<Float>)
-            return (Float)m_ndf.pdf(m_alpha_u, m_alpha_v, to_core(wi), unit(to_core(m)), m_normals);
-        else
-            return pdf(View(*this, wi), Facet(*this, m));
+        if constexpr (Tables::Single)
+            if (!by_core())
+                return pdf(View(*this, wi), Facet(*this, m));
+        return (Float)m_ndf.pdf(number(m_alpha_u), number(m_alpha_v), to_core(wi), unit(to_core(m)),
+                                m_normals);
     }
 
     /// Draws a normal: `u.x()` selects its slope, `u.y()` its azimuth.
     Sample sample(const Vector3f &wi, const Point2f &u) const {
-        if constexpr (!dr::is_jit_v<Float>)
-            return from_core(
-                m_ndf.sample(m_alpha_u, m_alpha_v, to_core(wi), u.x(), u.y(), m_normals));
-        else
-            return sample(View(*this, wi), u);
+        if constexpr (Tables::Single)
+            if (!by_core())
+                return sample(View(*this, wi), u);
+        return from_core(m_ndf.sample(number(m_alpha_u), number(m_alpha_v), to_core(wi),
+                                      number(u.x()), number(u.y()), m_normals));
     }
 
     /// All at once: scalar variants cross the bridge once, and what depends on `wi` alone is there
     /// once.
     template <bool Value, bool Pdf>
     Reflected reflected(const Vector3f &wi, const Vector3f &wo, bool height_correlated) const {
-        if constexpr (!dr::is_jit_v<Float>)
-            return from_core(m_ndf.reflected(seen_from(wi, height_correlated), to_core(wo)));
-        else
-            return reflected<Value, Pdf>(View(*this, wi), wo, height_correlated);
+        if constexpr (Tables::Single)
+            if (!by_core())
+                return reflected<Value, Pdf>(View(*this, wi), wo, height_correlated);
+        return from_core(m_ndf.reflected(seen_from(wi, height_correlated), to_core(wo)));
     }
 
     ReflectionSample sample_reflection(const Vector3f &wi, const Point2f &u,
                                        bool height_correlated) const {
-        if constexpr (!dr::is_jit_v<Float>)
-            return from_core(
-                m_ndf.sample_reflection(seen_from(wi, height_correlated), u.x(), u.y()));
-        else
-            return sample_reflection(View(*this, wi), u, height_correlated);
+        if constexpr (Tables::Single)
+            if (!by_core())
+                return sample_reflection(View(*this, wi), u, height_correlated);
+        return from_core(m_ndf.sample_reflection(seen_from(wi, height_correlated), number(u.x()),
+                                                 number(u.y())));
     }
 
     /// Both for one view.
@@ -152,15 +154,16 @@ public:
                                                                 const Vector3f &wo,
                                                                 const Point2f &u,
                                                                 bool height_correlated) const {
-        if constexpr (!dr::is_jit_v<Float>) {
-            auto [r, s] = m_ndf.reflected_and_sample(seen_from(wi, height_correlated), to_core(wo),
-                                                     u.x(), u.y());
-            return { from_core(r), from_core(s) };
-        } else {
-            View view(*this, wi);
-            return { reflected<true, true>(view, wo, height_correlated),
-                     sample_reflection(view, u, height_correlated) };
+        if constexpr (Tables::Single) {
+            if (!by_core()) {
+                View view(*this, wi);
+                return { reflected<true, true>(view, wo, height_correlated),
+                         sample_reflection(view, u, height_correlated) };
+            }
         }
+        auto [r, s] = m_ndf.reflected_and_sample(seen_from(wi, height_correlated), to_core(wo),
+                                                 number(u.x()), number(u.y()));
+        return { from_core(r), from_core(s) };
     }
 
 private:
@@ -175,13 +178,17 @@ private:
     /// Greater values of D are cut off, so that products with them are finite
     static constexpr float GreatestD = 1e30f;
 
+    /// Is the core called instead of reading tables? Never in traced code.
+    bool by_core() const { return !dr::is_jit_v<Float> && m_tables.by_core; }
+
+    static double number(const Float &x) { return (double)dr::slice(x); }
+
     static sgtd::host::Vec3 to_core(const Vector3f &v) {
-        return { (double)dr::slice(v.x()), (double)dr::slice(v.y()), (double)dr::slice(v.z()) };
+        return { number(v.x()), number(v.y()), number(v.z()) };
     }
 
     sgtd::host::Reflection seen_from(const Vector3f &wi, bool height_correlated) const {
-        return { (double)dr::slice(m_alpha_u), (double)dr::slice(m_alpha_v), to_core(wi),
-                 height_correlated, m_normals };
+        return { number(m_alpha_u), number(m_alpha_v), to_core(wi), height_correlated, m_normals };
     }
 
     static Sample from_core(const sgtd::host::NormalSample &s) {
@@ -272,11 +279,11 @@ private:
         auto bits_of = [](const Float &x) { return dr::reinterpret_array<UInt32>(dr::detach(x)); };
         // Without the sign: directions below the horizon are masked later
         UInt32 bits  = bits_of(dr::abs(a)),
-               entry = bits_of(dr::gather<Float>(m_tables.lambda, bits >> MantissaBits)),
+               entry = bits_of(Tables::template read<Float>(m_tables.lambda, bits >> MantissaBits)),
                shift = entry & 31u,
                cell  = (entry >> 5u) + ((bits & Mantissa) >> shift) + Tables::Entries / 4;
         Float d      = a - dr::reinterpret_array<Float>((bits >> shift) << shift);
-        Vector4f c   = dr::gather<Vector4f>(m_tables.lambda, cell);
+        Vector4f c   = Tables::template read<Vector4f>(m_tables.lambda, cell);
         return positive(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()));
     }
 
@@ -475,15 +482,17 @@ private:
     using Block = dr::Array<Float, Tables::Block>;
 
     /// Block `k` of the knots; 0 is every eighth knot.
-    Block knot_block(const UInt32 &k) const { return dr::gather<Block>(m_tables.visible, k); }
+    Block knot_block(const UInt32 &k) const {
+        return Tables::template read<Block>(m_tables.visible, k);
+    }
 
     /// Block `k` of the masses above the knots; 0 is that of every eighth knot.
     Block mass_block(const Row &row, const UInt32 &k) const {
         constexpr uint32_t Next = Tables::RowSize / Tables::Block;
         UInt32 index            = row.index * Next + k + Next;
-        Block first             = dr::gather<Block>(m_tables.visible, index);
+        Block first             = Tables::template read<Block>(m_tables.visible, index);
         if (!row.alone) {
-            Block second = dr::gather<Block>(m_tables.visible, index + Next);
+            Block second = Tables::template read<Block>(m_tables.visible, index + Next);
             for (size_t i = 0; i < Tables::Block; ++i)
                 first[i] = mix(row, first[i], second[i]);
         }
@@ -502,6 +511,15 @@ private:
     static Place find(const Blocks &block, const Holds &holds) {
         Place place{ UInt32(0u), Float(0.f), Float(0.f) };
         auto descend = [&](const Block &values) {
+            if constexpr (!dr::is_jit_v<Float>) {
+                uint32_t n = 0;
+                for (uint32_t i = 1; i < Tables::Block; ++i)
+                    n += holds(values[i]);
+                place.left = values[n];
+                if (n + 1 < Tables::Block)
+                    place.right = values[n + 1];
+                return n;
+            }
             UInt32 n    = 0u;
             Float after = place.right;
             place.left  = values[0];
@@ -560,7 +578,7 @@ private:
     Cell cell_at(const Row &row, const UInt32 &j, const Float &width) const {
         // Mass, and the upper halves of the bits of two densities
         auto load = [&](const UInt32 &index) {
-            Vector2f pair = dr::gather<Vector2f>(m_tables.visible, index);
+            Vector2f pair = Tables::template read<Vector2f>(m_tables.visible, index);
             UInt32 bits   = dr::reinterpret_array<UInt32>(dr::detach(pair.y()));
             return Vector3f(pair.x(), dr::reinterpret_array<Float>(bits & 0xffff0000u),
                             dr::reinterpret_array<Float>(bits << 16u));
@@ -581,7 +599,7 @@ private:
                            [&](const Float &mass) { return mass >= target; });
         Mask lost      = place.cell == LostCell;
         UInt32 j       = dr::minimum(place.cell, LostCell - 1);
-        Vector2f knots = dr::gather<Vector2f>(m_tables.visible, j + Tables::List / 2);
+        Vector2f knots = Tables::template read<Vector2f>(m_tables.visible, j + Tables::List / 2);
         Cell cell      = cell_at(row, j, knots.y());
         Float tau      = cell.invert(place.left - target);
         return { dr::fmadd(tau, cell.width, knots.x()), dr::select(lost, 0.f, cell.density(tau)) };
@@ -599,9 +617,10 @@ private:
     Float share_below(const Row &row, const Float &y) const {
         Place place  = place_of(y);
         UInt32 index = (row.index + 1u) * Tables::RowSize + place.cell + Tables::Block;
-        Float above  = dr::gather<Float>(m_tables.visible, index);
+        Float above  = Tables::template read<Float>(m_tables.visible, index);
         if (!row.alone)
-            above = mix(row, above, dr::gather<Float>(m_tables.visible, index + Tables::RowSize));
+            above = mix(row, above,
+                        Tables::template read<Float>(m_tables.visible, index + Tables::RowSize));
         Cell cell  = cell_at(row, place.cell, place.right - place.left);
         Float part = cell.below(share((y - place.left) / cell.width));
         return dr::maximum(1.f - above + dr::select(place.cell == LostCell, 0.f, part), LeastShare);

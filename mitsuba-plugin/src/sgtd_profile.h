@@ -49,17 +49,25 @@ template <typename Value_> struct SgtdProfile {
         x *= dr::select(x > 0, inv_outer, inv_inner);
         Value x2 = dr::minimum(dr::maximum(dr::square(x), (Scalar)1e-30), (Scalar)1e37);
         Split split(x2);
-        Value u = dr::select(p == 1, x2, power(p, split.octave, p * split.r * log2_ratio(split.r))),
-              z = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
+        if constexpr (!dr::is_jit_v<Value>)
+            if (p == 1)
+                return sqrt_f_of(x2);
+        Value u = dr::select(p == 1, x2, power(p, split.octave, p * split.r * log2_ratio(split.r)));
+        return sqrt_f_of(u);
+    }
+
+private:
+    /// The square root of f at u.
+    Value sqrt_f_of(const Value &u) const {
+        Value z = dr::minimum(inv_gamma_1 * u, (Scalar)1e37);
         // 1 + z loses the digits of a small z, whose octave is 0
-        split          = Split(1 + z);
+        Split split(1 + z);
         Mask near      = split.octave == 0;
         Value exponent = (Scalar)-.5 * gamma, r = dr::select(near, z, split.r),
               times = dr::select(near, (Scalar)-.5 * dr::fmadd(inv_gamma_1, u, u), exponent * r);
         return power(exponent, split.octave, times * log2_ratio(r));
     }
 
-private:
     using UInt = dr::uint_array_t<Value>;
     using Int  = dr::int_array_t<Value>;
 

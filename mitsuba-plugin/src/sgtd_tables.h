@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cstring>
+#include <type_traits>
+
 #include <mitsuba/core/fwd.h>
 #include <mitsuba/core/logger.h>
 
@@ -12,7 +15,7 @@ NAMESPACE_BEGIN(mitsuba)
  *
  * All of them are opaque variables, table lengths included: a literal or a host branch would give
  * each material a code path of its own, and lanes that mix k code paths cost about k times as much.
- * Scalar variants call the core instead; they only need `alpha_scale`.
+ * Scalar variants in double precision call the core instead; they only need `alpha_scale`.
  */
 template <typename Float_> struct SgtdTables {
     using Float       = Float_;
@@ -28,6 +31,12 @@ template <typename Float_> struct SgtdTables {
 
     /// Size of the masking table's header: one entry per exponent of a float.
     static constexpr uint32_t Entries = 256;
+
+    /// Single precision evaluates tables here, whether traced or not. The core is called for every
+    /// value by variants in double precision, and where more is asked for than single precision
+    /// has.
+    static constexpr bool Single = std::is_same_v<dr::scalar_t<Float>, float>;
+    bool by_core                 = !Single;
 
     /// Factor on the roughness that the user gives
     Float alpha_scale;
@@ -66,9 +75,12 @@ template <typename Float_> struct SgtdTables {
         return dr::is_jit_v<Float> && given > 0.0 ? std::max(given, 1e-7) : given;
     }
 
-    static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row) {
+    /// `accuracy` is what was asked for.
+    static SgtdTables load(const sgtd::host::Ndf &ndf, const sgtd::host::RowShape &row,
+                           double accuracy) {
         SgtdTables result;
-        if constexpr (dr::is_jit_v<Float>) {
+        result.by_core = !dr::is_jit_v<Float> && (!Single || accuracy < 1e-7);
+        if constexpr (Single) {
             const sgtd::host::Tables tables = ndf.tables();
             const sgtd::host::Shape &shape  = row.shape;
             if ((tables.visible_rows != Rows && tables.visible_rows != 1) ||
@@ -92,9 +104,23 @@ template <typename Float_> struct SgtdTables {
             dr::make_opaque(result.alpha_scale, result.factor, result.scale, result.lambda,
                             result.visible);
         } else {
+            DRJIT_MARK_USED(ndf);
             result.alpha_scale = (Float)row.alpha_scale;
         }
         return result;
+    }
+
+    /// Neighboring numbers of a table: as many as `Value` has, from a multiple of that on.
+    template <typename Value> static Value read(const FloatBuffer &table, const UInt32 &index) {
+        if constexpr (dr::is_jit_v<Float>) {
+            return dr::gather<Value>(table, index);
+        } else {
+            Value result;
+            std::memcpy((void *)&result,
+                        table.data() + (size_t)index * (sizeof(Value) / sizeof(float)),
+                        sizeof(Value));
+            return result;
+        }
     }
 
     DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, precise_scale, scale, lambda,
