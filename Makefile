@@ -49,6 +49,7 @@ quick: tools lint
 bench: $(VENV)/installed
 	cargo bench --locked --bench ratios
 	$(BIN)/python benches/render.py
+	$(BIN)/python benches/equal_time.py
 	$(BIN)/python benches/effects.py
 
 gallery: $(VENV)/installed

@@ -389,6 +389,11 @@ impl Ndf {
 }
 
 impl View<'_> {
+    /// The share of the radii of visible normals that are drawn.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
     /// Density per solid angle of the normals that [`View::sample`] draws.
     pub fn pdf(&self, m: DVec3) -> f64 {
         if m.z <= 0.0 {
