@@ -396,7 +396,7 @@ mod threads {
     static POOL: AtomicPtr<ThreadPool> = AtomicPtr::new(ptr::null_mut());
 
     /// Runs `work` among the threads of this process if it has rows for more than one.
-    pub fn run<R: Send>(rows: usize, work: impl FnOnce() -> R + Send) -> R {
+    pub(super) fn run<R: Send>(rows: usize, work: impl FnOnce() -> R + Send) -> R {
         match if is_parallel(rows) { pool() } else { None } {
             Some(pool) => pool.install(work),
             None => work(),
@@ -404,7 +404,7 @@ mod threads {
     }
 
     /// The next [`run`] starts new threads. The old pool is left as it is: its locks may be held by threads that are gone.
-    pub fn forget() {
+    pub(super) fn forget() {
         POOL.store(ptr::null_mut(), Ordering::Release);
     }
 

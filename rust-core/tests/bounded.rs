@@ -220,3 +220,29 @@ fn two_roughnesses_are_less_noisy() {
         }
     }
 }
+
+/// What one view computes once is what the functions of two directions compute.
+#[test]
+fn a_reflection_is_what_its_parts_are() {
+    let mut random = Random::seeded("parts");
+    let ndf = ndf(Case { gamma: 2.3, p: 1.4, lambda: 0.3, shift: 0.5 });
+    for k in 0..500 {
+        let (wi, wo, u) = (random.direction(), random.direction(), (random.unit(), random.unit()));
+        let (alpha, m) = (ALPHAS[k % ALPHAS.len()], (wi + wo).normalize());
+        let shadowing = [Shadowing::Separable, Shadowing::HeightCorrelated][k % 2];
+        let normals = [Normals::All, Normals::Visible, Normals::Reflecting][k % 3];
+        let Some(view) = Reflection::new(&ndf, alpha, shadowing, wi, normals) else { continue };
+        let close =
+            |a: f64, b: f64| assert!((a - b).abs() <= 1e-10 * b.abs(), "{alpha:?} {wi:?} {wo:?}: {a:e}, not {b:e}");
+        let at = view.at(wo);
+        close(at.d, ndf.d(alpha, m));
+        close(at.cos, m.z);
+        close(at.g2, ndf.g2(alpha, wi, wo, shadowing));
+        close(at.pdf, ndf.pdf(alpha, wi, m, normals));
+        let (sample, g2) = view.sample(u);
+        assert_eq!(sample, ndf.sample(alpha, wi, u, normals));
+        let leaves = reflect(wi, sample.m);
+        close(g2, if wi.dot(sample.m) > 0.0 { ndf.g2(alpha, wi, leaves, shadowing) } else { 0.0 });
+        close(view.view().pdf(m), at.pdf);
+    }
+}

@@ -8,6 +8,7 @@ use cases::tables::{KINDS, Points, random_table};
 use rayon::prelude::*;
 use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::Ndf;
+use sgtd_core::profile::tabulated::{Quantity, TableTail};
 use sgtd_core::profile::{Profile, TabulatedProfile};
 
 /// Numbers of nodes from 2 to 1000.
@@ -288,4 +289,31 @@ fn build_times() {
             );
         }
     }
+}
+
+/// D by angle, D cos by slope and slope density by slope describe one profile.
+#[test]
+fn quantities_and_angles_say_the_same() {
+    let slopes: Vec<f64> = (0..40).map(|k| 0.05 * f64::from(k)).collect();
+    let f: Vec<f64> = slopes.iter().map(|x| (1.0 + 3.0 * x * x).powf(-2.4)).collect();
+    let sec = |x: f64| x.hypot(1.0);
+    let by = |power: i32| -> Vec<f64> { slopes.iter().zip(&f).map(|(&x, f)| f * sec(x).powi(power)).collect() };
+    let degrees: Vec<f64> = slopes.iter().map(|x| x.atan().to_degrees()).collect();
+    let named = |name: &str| Quantity::named(name).unwrap_or_else(|error| panic!("{error}"));
+    let made = [
+        TabulatedProfile::new(&slopes, &f, TableTail::Cut),
+        TabulatedProfile::of(&slopes, &f, named("slopes"), TableTail::Cut),
+        TabulatedProfile::of(&slopes, &by(3), named("D cos"), TableTail::Cut),
+        TabulatedProfile::from_angles(&degrees, &by(4), named("D"), TableTail::Cut),
+    ]
+    .map(|profile| profile.unwrap_or_else(|error| panic!("{error}")));
+    for profile in &made[1..] {
+        assert!((profile.width() / made[0].width() - 1.0).abs() < 1e-12);
+        for k in 0..100 {
+            let x = 0.03 * f64::from(k);
+            let (found, expected) = (profile.f(x) * profile.normalization(), made[0].f(x) * made[0].normalization());
+            assert!((found - expected).abs() <= 1e-11 * expected, "x = {x}: {found:e}, not {expected:e}");
+        }
+    }
+    assert!(Quantity::named("height").is_err());
 }
