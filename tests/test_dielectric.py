@@ -136,7 +136,9 @@ def test_reflection_is_that_of_the_conductor(variant, kind, masking):
     wo = sc.reflect(wi, sc.normals(rng, count, 0.35, 0.1, reach=0.5 * (1 + KINDS[kind].get("shift", 0.0))))
     properties = dict(**KINDS[kind], **ANISOTROPIC, masking=masking)
     value, pdf = sc.evaluate(load(**GLASS, **properties), wi, wo, component=0)
-    metal, metal_pdf = sc.evaluate(sc.load("sgtdconductor", **properties, specular_reflectance=1.0, sample_bounded=False), wi, wo)
+    metal, metal_pdf = sc.evaluate(
+        sc.load("sgtdconductor", **properties, specular_reflectance=1.0, sample_bounded=False), wi, wo
+    )
     h = wi + wo
     cos = np.sum(wi * h, axis=-1) / np.linalg.norm(h, axis=-1)
     root = np.sqrt(1.0 - (1.0 - cos**2) / 1.5**2)

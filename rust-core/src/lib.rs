@@ -44,6 +44,7 @@ pub mod bridge;
 pub mod error;
 pub mod family;
 pub mod masking;
+pub mod microsurface;
 pub mod ndf;
 pub mod numerics;
 pub mod profile;

@@ -1,0 +1,85 @@
+//! What a facet does with light: a mirror, a metal, glass.
+
+use super::trace::Side;
+use glam::DVec3;
+
+/// What the surface is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Material {
+    /// Reflects everything.
+    Mirror,
+    /// A metal of three colors, with its complex indices η − i k.
+    Conductor {
+        /// Real parts.
+        eta: DVec3,
+        /// Imaginary parts.
+        k: DVec3,
+    },
+    /// Glass below, air above: the index of the inside over that of the outside.
+    Dielectric {
+        /// The relative index.
+        eta: f64,
+    },
+}
+
+/// What has become of a ray at a facet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scattered {
+    /// Where it goes.
+    pub direction: DVec3,
+    /// Factor on its energy, per color.
+    pub weight: DVec3,
+    /// The side on which it goes on.
+    pub side: Side,
+}
+
+impl Material {
+    /// A ray that arrives in `direction` at a facet with normal `m` (upwards), seen from `side`; `u` in [0, 1) chooses what a dielectric does.
+    pub fn scatter(&self, direction: DVec3, m: DVec3, side: Side, u: f64) -> Scattered {
+        // towards the ray
+        let facing = if side == Side::Above { m } else { -m };
+        // rounding may see an edge-on facet from behind
+        let cosine = (-direction.dot(facing)).clamp(0.0, 1.0);
+        let reflected = (direction + 2.0 * cosine * facing).normalize();
+        match *self {
+            Self::Mirror => Scattered { direction: reflected, weight: DVec3::ONE, side },
+            Self::Conductor { eta, k } => {
+                let weight = DVec3::from_array(std::array::from_fn(|c| conductor(cosine, eta[c], k[c])));
+                Scattered { direction: reflected, weight, side }
+            }
+            Self::Dielectric { eta } => {
+                let eta = if side == Side::Above { eta } else { 1.0 / eta };
+                let (reflectance, refracted) = dielectric(cosine, eta);
+                if u < reflectance {
+                    return Scattered { direction: reflected, weight: DVec3::ONE, side };
+                }
+                let along = direction + cosine * facing;
+                let direction = (along / eta - refracted * facing).normalize();
+                Scattered { direction, weight: DVec3::ONE, side: side.other() }
+            }
+        }
+    }
+}
+
+/// Fresnel reflectance of a metal for unpolarized light (Born & Wolf, section 14.2).
+pub fn conductor(cosine: f64, eta: f64, k: f64) -> f64 {
+    let (c2, s2) = (cosine * cosine, 1.0 - cosine * cosine);
+    let t0 = eta * eta - k * k - s2;
+    let length = t0.hypot(2.0 * eta * k);
+    let a = (0.5 * (length + t0)).max(0.0).sqrt();
+    let s = (length + c2 - 2.0 * a * cosine) / (length + c2 + 2.0 * a * cosine);
+    let (x, y) = (c2 * length + s2 * s2, 2.0 * a * cosine * s2);
+    0.5 * s * (1.0 + (x - y) / (x + y))
+}
+
+/// Fresnel reflectance of glass for unpolarized light, and the cosine beyond; `eta` is the index beyond over that before. Total reflection is (1, 0).
+pub fn dielectric(cosine: f64, eta: f64) -> (f64, f64) {
+    let beyond = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
+    if beyond <= 0.0 {
+        return (1.0, 0.0);
+    }
+    let beyond = beyond.sqrt();
+    let s = (cosine - eta * beyond) / (cosine + eta * beyond);
+    let p = (eta * cosine - beyond) / (eta * cosine + beyond);
+    (0.5 * (s * s + p * p), beyond)
+}
