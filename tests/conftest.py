@@ -128,6 +128,6 @@ def llvm():
 
 @pytest.fixture(params=["scalar_rgb", "llvm_ad_rgb"])
 def variant(request):
-    """Both ways through the plugin: the core per call, and the tables in traced code."""
+    """Both ways through the plugin: tables read one value at a time, and in traced code."""
     use(request.param)
     return request.param

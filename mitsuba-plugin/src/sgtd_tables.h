@@ -56,10 +56,8 @@ template <typename Float_> struct SgtdTables {
 
     /**
      * What a material on Mitsuba's own distribution has instead of tables: nothing but a factor on
-     * its roughness, if that is not 1.
-     *
-     * A frozen function notices a switch of code by the variables that it meets, so those of one
-     * path must not be there on another.
+     * its roughness, if that is not 1. (That it is there or not is a choice of its own: see
+     * FrozenChoice.)
      */
     static SgtdTables without(double alpha_scale) {
         SgtdTables result;
