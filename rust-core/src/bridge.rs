@@ -102,7 +102,7 @@ mod ffi {
         steepness: f64,
     }
 
-    /// What a reader of a table of losses has to know.
+    /// What a reader of a table of missing energy has to know.
     struct AlbedoHeader {
         slope: f64,
         power: f64,
@@ -245,7 +245,7 @@ fn new_ndf([gamma, p, lambda, shift]: [f64; 4], accuracy: f64, visible: bool) ->
     Ok(Box::new(Ndf(ndf?)))
 }
 
-/// The opaque table of losses that C++ holds.
+/// The opaque table of missing energy that C++ holds.
 pub struct AlbedoTable(CoreAlbedoTable);
 
 fn shadowing(correlated: bool) -> Shadowing {

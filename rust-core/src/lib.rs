@@ -23,7 +23,7 @@
 //! |---|---|---|
 //! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`family::shape::Shape`], [`family::shape::ROWS`] |
 //! | the tree of special cases | Figure 1 | [`family::tree::Node`] |
-//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`family::partial_moment::Side::g`], [`profile::Profile::f`] |
+//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`family::partial_moment::Side::kernel`], [`profile::Profile::f`] |
 //! | normalization A | 5–6, 15, 26–27, 30, 33, 37–38, 42 | [`profile::Profile::normalization`] |
 //! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] |
 //! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` |
@@ -31,7 +31,7 @@
 //! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`family::student::StudentMasking`] |
 //! | profiles given by points, sums of profiles | – | [`profile::TabulatedProfile`], [`profile::MixtureProfile`] |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
-//! | losses of single scattering | – | [`scattering::albedo::SingleScattering::loss`], [`scattering::albedo_table::AlbedoTable`] |
+//! | missing energy of single scattering | – | [`scattering::albedo::SingleScattering::missing_energy`], [`scattering::albedo_table::AlbedoTable`] |
 //! | walks on the microsurface | – | [`scattering::random_walk::RandomWalk`] |
 //! | sampling of visible normals | – | [`sampling::visible_table::VisibleTable`], [`sampling::azimuth::Azimuth`], [`ndf::Ndf::sample`], [`sampling::bounded::Horizon`] |
 //!

@@ -7,7 +7,7 @@ use glam::DVec3;
 use sgtd_core::batch::{QUERIES, Query, first_of_wrong_length, first_outside, is_parallel};
 use sgtd_core::ndf::{Ndf, Normals, Roughness};
 
-const ROWS: usize = 3000;
+const COUNT: usize = 3000;
 
 fn query(name: &str) -> &'static Query {
     Query::named(name).unwrap_or_else(|error| panic!("{error}"))
@@ -20,11 +20,11 @@ fn arrays_are_evaluated_row_by_row() {
     let alpha = Roughness { u: 0.4, v: 0.4 };
     let mut random = Random::seeded("batch");
     let directions =
-        |random: &mut Random| -> Vec<f64> { (0..ROWS).flat_map(|_| random.direction().to_array()).collect() };
+        |random: &mut Random| -> Vec<f64> { (0..COUNT).flat_map(|_| random.direction().to_array()).collect() };
     let (first, second) = (directions(&mut random), directions(&mut random));
     let at = |w: &[f64], k: usize| DVec3::from_slice(&w[3 * k..3 * k + 3]);
-    assert!(is_parallel(ROWS) && !is_parallel(10));
-    for rows in [10, ROWS] {
+    assert!(is_parallel(COUNT) && !is_parallel(10));
+    for rows in [10, COUNT] {
         for (name, one) in [
             ("pdf_reflecting", &(|a, b| ndf.pdf(alpha, a, b, Normals::Reflecting)) as &dyn Fn(DVec3, DVec3) -> f64),
             ("pdf_visible", &|a, b| ndf.pdf_visible(alpha, a, b)),
@@ -39,13 +39,13 @@ fn arrays_are_evaluated_row_by_row() {
             }
         }
     }
-    let numbers: Vec<f64> = (0..2 * ROWS).map(|_| random.unit()).collect();
+    let numbers: Vec<f64> = (0..2 * COUNT).map(|_| random.unit()).collect();
     let sampler = query("sample_reflecting");
-    let mut out = vec![0.0; sampler.results() * ROWS];
+    let mut out = vec![0.0; sampler.results() * COUNT];
     assert_eq!(sampler.eval(&ndf, alpha, &first, &numbers, &mut out), Ok(()));
-    for k in 0..ROWS {
+    for k in 0..COUNT {
         let sample = ndf.sample(alpha, at(&first, k), (numbers[2 * k], numbers[2 * k + 1]), Normals::Reflecting);
-        assert_eq!((at(&out, k), out[3 * ROWS + k]), (sample.m, sample.pdf), "row {k}");
+        assert_eq!((at(&out, k), out[3 * COUNT + k]), (sample.m, sample.pdf), "row {k}");
     }
 }
 
@@ -64,7 +64,7 @@ fn arrays_that_do_not_fit_are_refused() {
 
 #[test]
 fn the_first_wrong_row_is_found() {
-    for rows in [5, ROWS] {
+    for rows in [5, COUNT] {
         let mut w = [0.0, 0.6, 0.8].repeat(rows);
         assert_eq!(first_of_wrong_length(&w, 1e-6), rows);
         (w[3 * (rows - 1)], w[6]) = (0.1, f64::NAN);

@@ -7,7 +7,7 @@ use cases::{Case, LIST, Random, direction, row_cases};
 use glam::DVec3;
 use rayon::prelude::*;
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
-use sgtd_core::scattering::albedo::{Rule, SingleScattering, View};
+use sgtd_core::scattering::albedo::{Incidence, Rule, SingleScattering};
 use sgtd_core::scattering::albedo_table::{
     AVERAGE, AlbedoTable, Average, Coordinates, GREATEST_ALPHA, LEAST_ALPHA, PACKET,
 };
@@ -41,7 +41,7 @@ fn heavy_tails_lose_most() {
         let ndf = ndf(student(gamma));
         for mode in MODES {
             let source = SingleScattering::new(&ndf, mode, Rule::REFERENCE);
-            let found = 1.0 - source.loss(View::new(isotropic(1.0), DVec3::Z));
+            let found = 1.0 - source.missing_energy(Incidence::new(isotropic(1.0), DVec3::Z));
             println!("gamma {gamma}, {mode:?}: {found:.6}");
             assert!((found - kept).abs() < 5e-4, "gamma {gamma}: {found}, not {kept}");
         }
@@ -50,7 +50,7 @@ fn heavy_tails_lose_most() {
 
 /// The same by drawing visible normals, which know nothing of the horizon.
 #[test]
-fn loss_agrees_with_brute_force() {
+fn missing_energy_agrees_with_brute_force() {
     let mut random = Random::seeded("loss");
     let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD).collect();
     for case in shapes {
@@ -76,8 +76,9 @@ fn loss_agrees_with_brute_force() {
                 })
                 .sum::<f64>()
                 / f64::from(COUNT);
-            let reference = 1.0 - SingleScattering::new(&ndf, mode, Rule::REFERENCE).loss(View::new(alpha, wi));
-            let fine = 1.0 - SingleScattering::new(&ndf, mode, rule).loss(View::new(alpha, wi));
+            let reference =
+                1.0 - SingleScattering::new(&ndf, mode, Rule::REFERENCE).missing_energy(Incidence::new(alpha, wi));
+            let fine = 1.0 - SingleScattering::new(&ndf, mode, rule).missing_energy(Incidence::new(alpha, wi));
             assert!((kept - reference).abs() < 2e-4, "{case:?} {alpha:?} {wi}: drawn {kept}, quadrature {reference}");
             assert!((fine - reference).abs() < 3e-4, "{case:?} {alpha:?} {wi}: {fine}, finer {reference}");
         }
@@ -90,7 +91,8 @@ fn views_know_their_roughness() {
     let alpha = Roughness { u: 0.7, v: 0.2 };
     let swapped = Roughness { u: 0.2, v: 0.7 };
     for phi in [0.0, 0.4, 1.0, PI / 2.0] {
-        let (a, b) = (View::new(alpha, direction(1.0, phi)), View::new(swapped, direction(1.0, PI / 2.0 - phi)));
+        let (a, b) =
+            (Incidence::new(alpha, direction(1.0, phi)), Incidence::new(swapped, direction(1.0, PI / 2.0 - phi)));
         for (a, b) in [(a.a, b.a), (a.along, b.along), (a.across, b.across), (a.shear.abs(), b.shear.abs())] {
             assert!((a - b).abs() < 1e-12 * a.abs().max(1.0));
         }
@@ -132,7 +134,7 @@ fn ordinary_shapes(random: &mut Random, count: usize) -> Vec<Case> {
 
 /// E from the table at roughness that no node has, grazing to normal: the error of a furnace.
 #[test]
-fn tables_hold_what_is_lost() {
+fn tables_hold_what_is_missing() {
     let mut shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD).collect();
     shapes.extend(ordinary_shapes(&mut Random::seeded("tables"), 12));
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
@@ -144,7 +146,9 @@ fn tables_hold_what_is_lost() {
             let mut worst = (0.0, 0.0, DVec3::Z);
             for _ in 0..200 {
                 let (alpha, w) = (random.log_between(0.05, 2.0), view(&mut random));
-                let error = (table.loss(isotropic(alpha), w) - source.loss(View::new(isotropic(alpha), w))).abs();
+                let error = (table.missing_energy(isotropic(alpha), w)
+                    - source.missing_energy(Incidence::new(isotropic(alpha), w)))
+                .abs();
                 if !(error <= worst.0) {
                     worst = (error, alpha, w);
                 }
@@ -168,7 +172,7 @@ fn tables_hold_what_is_lost() {
 
 /// The same for pairs of roughnesses, with the derivative by both.
 #[test]
-fn anisotropic_tables_hold_what_is_lost() {
+fn anisotropic_tables_hold_what_is_missing() {
     let shapes: Vec<Case> = row_cases().into_iter().map(|(_, case)| case).chain(HARD[..6].iter().copied()).collect();
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
         let mut random = Random::new(99 + k as u64);
@@ -180,11 +184,12 @@ fn anisotropic_tables_hold_what_is_lost() {
             let (mut worst, mut slope) = (0.0_f64, 0.0_f64);
             for _ in 0..300 {
                 let w = view(&mut random);
-                let error = (table.loss(alpha, w) - source.loss(View::new(alpha, w))).abs();
+                let error = (table.missing_energy(alpha, w) - source.missing_energy(Incidence::new(alpha, w))).abs();
                 worst = if error <= worst { worst } else { error };
                 for step in [Roughness { u: alpha.u * 1.01, ..alpha }, Roughness { v: alpha.v * 1.01, ..alpha }] {
-                    let found = table.loss(step, w) - table.loss(alpha, w);
-                    let expected = source.loss(View::new(step, w)) - source.loss(View::new(alpha, w));
+                    let found = table.missing_energy(step, w) - table.missing_energy(alpha, w);
+                    let expected = source.missing_energy(Incidence::new(step, w))
+                        - source.missing_energy(Incidence::new(alpha, w));
                     let error = (found - expected).abs() / 0.01;
                     slope = if error <= slope { slope } else { error };
                 }
@@ -213,7 +218,7 @@ fn averages_belong_to_their_tables() {
         let any = AlbedoTable::isotropic(&ndf, Shadowing::Separable);
         let one = AlbedoTable::anisotropic(&ndf, Shadowing::Separable, pair);
         let Some(Average { log, .. }) = one.average() else { panic!("no average") };
-        assert!((log.exp2() - one.average_loss(pair)).abs() < 1e-12);
+        assert!((log.exp2() - one.average_missing_energy(pair)).abs() < 1e-12);
         for (table, alpha) in [(&any, isotropic(0.05)), (&any, isotropic(0.4)), (&any, isotropic(1.7)), (&one, pair)] {
             const COUNT: u32 = 2000;
             const AZIMUTHS: u32 = 48;
@@ -223,11 +228,11 @@ fn averages_belong_to_their_tables() {
                 for j in 0..AZIMUTHS {
                     let phi = PI / 2.0 * (f64::from(j) + 0.5) / f64::from(AZIMUTHS);
                     // μ = t², so that low roughness is resolved
-                    sum += table.loss(alpha, direction((t * t).acos(), phi)) * 4.0 * t.powi(3)
+                    sum += table.missing_energy(alpha, direction((t * t).acos(), phi)) * 4.0 * t.powi(3)
                         / f64::from(COUNT * AZIMUTHS);
                 }
             }
-            let ratio = sum / table.average_loss(alpha);
+            let ratio = sum / table.average_missing_energy(alpha);
             assert!((ratio - 1.0).abs() < 5e-4, "{case:?} {alpha:?}: {ratio}");
         }
     }
@@ -235,10 +240,10 @@ fn averages_belong_to_their_tables() {
 
 /// The coordinates that readers in other languages have to reproduce.
 #[test]
-fn coordinates_of_losses_span_the_table() {
+fn coordinates_span_the_table() {
     for case in LIST {
         let ndf = ndf(case);
-        let at = AlbedoTable::isotropic(&ndf, Shadowing::HeightCorrelated).coordinates();
+        let at = Coordinates::new(&ndf, Shadowing::HeightCorrelated);
         assert!(
             (at.roughness(GREATEST_ALPHA) - 1.0).abs() < 1e-12
                 && (Coordinates::log_roughness(GREATEST_ALPHA) - 1.0).abs() < 1e-12,
@@ -282,7 +287,8 @@ fn walks_leave_and_single_ones_are_correlated_scattering() {
             let wi = direction(theta, 0.5);
             let mut single = 0;
             walks(&ndf, alpha, wi, COUNT, |_, bounces, _| single += u32::from(bounces == 1));
-            let (share, kept) = (f64::from(single) / f64::from(COUNT), 1.0 - source.loss(View::new(alpha, wi)));
+            let (share, kept) =
+                (f64::from(single) / f64::from(COUNT), 1.0 - source.missing_energy(Incidence::new(alpha, wi)));
             let noise = (kept * (1.0 - kept) / f64::from(COUNT)).sqrt();
             assert!((share - kept).abs() < 4.5 * noise + 1e-4, "{case:?} {alpha:?} {theta}: {share}, not {kept}");
         }
@@ -357,7 +363,7 @@ fn colors_are_those_of_repeated_reflection() {
                         }
                     }
                 });
-                let (lost, loss) = (table.average_loss(alpha), table.loss(alpha, wi));
+                let (lost, loss) = (table.average_missing_energy(alpha), table.missing_energy(alpha, wi));
                 for (total, metal) in total.iter().zip(METALS) {
                     let average =
                         (0..500).map(|i| (f64::from(i) + 0.5) / 500.0).map(|c| fresnel(c, metal) * c).sum::<f64>()
@@ -399,9 +405,9 @@ fn lobe_is_distributed_like_walks() {
         for (bin, found) in found.iter().enumerate() {
             let lobe: f64 = (0..64)
                 .map(|i| (bin as f64 + (f64::from(i) + 0.5) / 64.0) / BINS as f64)
-                .map(|mu| table.loss(alpha, direction(mu.acos(), 0.3)) * 2.0 * mu / (64.0 * BINS as f64))
+                .map(|mu| table.missing_energy(alpha, direction(mu.acos(), 0.3)) * 2.0 * mu / (64.0 * BINS as f64))
                 .sum::<f64>()
-                / table.average_loss(alpha);
+                / table.average_missing_energy(alpha);
             distance += 0.5 * (lobe - found / all).abs();
         }
         println!("gamma {gamma}: total variation {distance:.3} over {BINS} bins of the cosine");

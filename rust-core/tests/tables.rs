@@ -10,7 +10,7 @@ use sgtd_core::masking::{MaskingIntegral, Rule};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::numerics::greatest;
 use sgtd_core::profile::{Profile, Tail};
-use sgtd_core::sampling::visible_table::{BLOCK, CELLS, LIST_SIZE, ROW_SIZE, ROWS, VisibleTable};
+use sgtd_core::sampling::visible_table::{BLOCK, CELLS, LIST_SIZE, ROW_SIZE, VIEW_ROWS, VisibleTable};
 use sgtd_core::scattering::albedo_table::AlbedoTable;
 
 const ACCURACIES: [f64; 10] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10];
@@ -132,7 +132,7 @@ fn flat_visible_table_gives_what_the_core_gives() {
         let ndf = Ndf::new(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let table = ndf.visible_table();
         let flat = table.flat();
-        assert_eq!(flat.len(), (1 + ROWS) * ROW_SIZE, "{case:?}");
+        assert_eq!(flat.len(), (1 + VIEW_ROWS) * ROW_SIZE, "{case:?}");
         let every_eighth = |list: &[f32]| list[BLOCK..].iter().copied().step_by(BLOCK).collect::<Vec<_>>();
         assert_eq!(flat[..BLOCK], every_eighth(&flat[..LIST_SIZE]), "{case:?}");
         let knots = table.knots();
@@ -168,9 +168,9 @@ fn flat_visible_table_gives_what_the_core_gives() {
             }
             assert_eq!(pairs[2 * CELLS - 2..], [0.0; 2]);
             // exactly on a row, the density at a knot is g
-            let a = table.scale() * row as f64 / (ROWS - 1 - row) as f64;
+            let a = table.scale() * row as f64 / (VIEW_ROWS - 1 - row) as f64;
             let mixture =
-                if row == ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
+                if row == VIEW_ROWS - 1 { table.unseen() } else { table.mixture(a / a.hypot(1.0), 1.0 / a.hypot(1.0)) };
             for (j, &knot) in knots.iter().enumerate().take(CELLS - 1) {
                 let (got, want) = (table.density(mixture, f64::from(knot)), f64::from(ends(j)[0]));
                 let empty = pairs[2 * j] == 0.0;
@@ -213,10 +213,10 @@ fn the_table_of_projected_normals_is_the_last_row() {
         let alone =
             Ndf::projected(Box::new(case.profile()), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
         let (table, row) = (whole.visible_table(), alone.visible_table());
-        assert_eq!((table.rows(), row.rows()), (ROWS, 1));
+        assert_eq!((table.rows(), row.rows()), (VIEW_ROWS, 1));
         assert_eq!(row.flat().len(), 2 * ROW_SIZE);
         assert_eq!(row.flat()[..ROW_SIZE], table.flat()[..ROW_SIZE]);
-        assert_eq!(row.flat()[ROW_SIZE..], table.flat()[ROWS * ROW_SIZE..]);
+        assert_eq!(row.flat()[ROW_SIZE..], table.flat()[VIEW_ROWS * ROW_SIZE..]);
         let alpha = Roughness { u: 0.3, v: 0.1 };
         for k in 0..64 {
             let u = (f64::from(k) / 64.0, 0.37);
@@ -289,7 +289,7 @@ fn tables_of_nan_do_not_claim_to_be_exact() {
         let masking = MaskingIntegral::new(&profile, Rule::TABLE);
         assert_eq!(LambdaTable::new(&profile, &masking, 1e-3).reached(), f64::INFINITY, "{case:?}");
         let ndf = Ndf::new(Box::new(profile), 1e-3).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(ndf.visible_table().flat().len(), (1 + ROWS) * ROW_SIZE, "{case:?}");
+        assert_eq!(ndf.visible_table().flat().len(), (1 + VIEW_ROWS) * ROW_SIZE, "{case:?}");
         if case == LIST[0] {
             let table = AlbedoTable::anisotropic(&ndf, Shadowing::Separable, Roughness { u: 0.1, v: 0.3 });
             assert_eq!(table.reached(), f64::INFINITY, "{case:?}");

@@ -111,7 +111,7 @@ impl Side {
     /// Relative error below 1e-13 down to 1e-290: every rounding that the exponents γ and 2p would amplify is
     /// carried along to first order.
     #[inline]
-    pub fn g(&self, Radius { hi, lo }: Radius) -> f64 {
+    pub fn kernel(&self, Radius { hi, lo }: Radius) -> f64 {
         if hi <= 0.0 {
             return 1.0;
         }
@@ -142,14 +142,14 @@ impl Side {
 
     /// `g(r)` without carrying rounding errors along: to 1e-13, growing with −ln g and p to 1e-11 at 1e-290, p = 50.
     #[inline]
-    pub fn g_fast(&self, r: f64) -> f64 {
+    pub fn kernel_fast(&self, r: f64) -> f64 {
         let power = self.kurtosis.fast(r);
         if self.gamma.is_infinite() {
             return (-power).exp();
         }
         // The rounding of the base is magnified by γ.
         if self.gamma > LARGEST_PLAIN_GAMMA {
-            self.g(Radius::exact(r))
+            self.kernel(Radius::exact(r))
         } else {
             self.tail.fast_reciprocal(power.mul_add(self.inverse_less, 1.0))
         }
@@ -248,7 +248,7 @@ impl Side {
             }
         };
         // r^k g(r), from logarithms where r^k alone would overflow or g has become denormal
-        let g = self.g(radius);
+        let g = self.kernel(radius);
         let power = r.powi(k as i32);
         let prefix = if power.is_finite() && g > LEAST_NORMAL {
             power * g

@@ -152,14 +152,14 @@ const SPENT: f64 = 45.0;
 
 impl Profile for SkewedT {
     fn f(&self, x: f64) -> f64 {
-        self.side.g(self.radius(x))
+        self.side.kernel(self.radius(x))
     }
 
     fn f_past(&self, from: f64, past: f64) -> f64 {
         let m = self.shape.shift();
         // the sum may round to m from either side
         let width = if (from - m) + past > 0.0 { self.outer_width } else { self.inner_width };
-        self.side.g(Radius::of(from, past, m, width))
+        self.side.kernel(Radius::of(from, past, m, width))
     }
 
     #[inline]
@@ -167,7 +167,7 @@ impl Profile for SkewedT {
         let d = x - self.shape.shift();
         let (inner, outer) = (-d * self.inverse_widths[0], d * self.inverse_widths[1]);
         // which side x is on cannot be predicted, but the other one is negative
-        self.side.g_fast(if outer > inner { outer } else { inner })
+        self.side.kernel_fast(if outer > inner { outer } else { inner })
     }
 
     fn normalization(&self) -> f64 {

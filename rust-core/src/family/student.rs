@@ -46,7 +46,7 @@ impl StudentMasking {
     /// H and S at q ≥ 0 to 1e-12; `None` where the difference would not hold that (test `closed_form_of_masking_is_exact`).
     pub fn at(&self, q: f64) -> Option<Masking> {
         let r = self.scale * q;
-        let (g, above) = (self.side.g(Radius::exact(r)), self.side.upper(1, Radius::exact(r)));
+        let (g, above) = (self.side.kernel(Radius::exact(r)), self.side.upper(1, Radius::exact(r)));
         let (first, second) = (0.5 * (r * r).mul_add(self.inverse_less, 1.0) * g, r * above);
         let difference = first - second;
         (first <= LARGEST_CANCELLATION * difference)

@@ -59,7 +59,7 @@ const SHARE: f64 = 0.5;
 const ROUNDING: f64 = 5e-8;
 
 #[derive(Clone, Copy)]
-struct Node {
+struct Knot {
     a: f64,
     h: f64,
     slope: f64,
@@ -73,7 +73,7 @@ impl LambdaTable {
         let permitted = SHARE * (accuracy - rounding);
         let node = |a: f64| {
             let Masking { h, s } = masking.at(profile, a);
-            Node { a, h, slope: -s }
+            Knot { a, h, slope: -s }
         };
         let zero = node(0.0);
         // Where H has become a straight line towards 0, and where it no longer counts against a.
@@ -133,10 +133,10 @@ impl LambdaTable {
 /// Divides an octave until the error, measured at three points of every cell, is permitted; the nodes and that error.
 ///
 /// The midpoints are the next division's nodes, so few values are computed twice.
-fn divide(left: Node, right: Node, permitted: f64, node: &impl Fn(f64) -> Node) -> (Vec<Node>, f64) {
+fn divide(left: Knot, right: Knot, permitted: f64, node: &impl Fn(f64) -> Knot) -> (Vec<Knot>, f64) {
     let mut nodes = vec![left, right];
     loop {
-        let middles: Vec<Node> = nodes.windows(2).map(|pair| node(0.5 * (pair[0].a + pair[1].a))).collect();
+        let middles: Vec<Knot> = nodes.windows(2).map(|pair| node(0.5 * (pair[0].a + pair[1].a))).collect();
         let cells = || nodes.windows(2).zip(&middles);
         let mut worst = greatest(cells().map(|(pair, middle)| error(&pair[0], &pair[1], middle)));
         if worst <= permitted {
@@ -162,7 +162,7 @@ fn divide(left: Node, right: Node, permitted: f64, node: &impl Fn(f64) -> Node) 
 }
 
 /// The cell between two nodes.
-fn cubic(left: &Node, right: &Node) -> [f64; 4] {
+fn cubic(left: &Knot, right: &Knot) -> [f64; 4] {
     hermite::cubic([left.h, left.slope], [right.h, right.slope], right.a - left.a)
 }
 
@@ -171,7 +171,7 @@ fn ilog2(x: f64) -> i32 {
 }
 
 /// Relative error of G1 = a/(a+H) at a point within a cell.
-fn error(left: &Node, right: &Node, point: &Node) -> f64 {
+fn error(left: &Knot, right: &Knot, point: &Knot) -> f64 {
     let h = hermite::value(cubic(left, right), point.a - left.a);
     (h - point.h).abs() / (point.a + point.h)
 }

@@ -44,7 +44,7 @@ pub struct Counts {
 }
 
 /// Facets after which a walk is given up: without absorption fewer than one in 1e9 get there at roughness 10.
-const CAP: u32 = 100_000;
+const MOST_BOUNCES: u32 = 100_000;
 /// Walks that share a stream of random numbers.
 const CHUNK: u64 = 1 << 13;
 /// Chunks whose counts are in memory at a time.
@@ -93,7 +93,7 @@ impl Setup {
         counts.walks += 1;
         let (mut direction, mut side, mut weight) = (-self.wi, Side::Above, DVec3::ONE);
         let mut end = tracer.first(direction, (unit(random), unit(random)));
-        for bounces in 0..CAP {
+        for bounces in 0..MOST_BOUNCES {
             let point = match end {
                 End::Hit(point) => point,
                 End::Away => return self.count(direction, side, weight, bounces, counts),

@@ -65,7 +65,7 @@ pub enum End {
 }
 
 /// Crossings after which a ray is given up; a horizontal ray along a valley has no end.
-const CAP: u32 = 10_000_000;
+const MOST_CROSSINGS: u32 = 10_000_000;
 
 /// A surface that rays can be sent to.
 pub struct Tracer<'a> {
@@ -171,7 +171,7 @@ impl<'a> Flight<'a> {
         if on_surface {
             self.cross(true);
         }
-        for _ in 0..CAP {
+        for _ in 0..MOST_CROSSINGS {
             if leaves && self.sign * self.z(self.t) >= bound {
                 return End::Away;
             }

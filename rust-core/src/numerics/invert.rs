@@ -11,7 +11,7 @@ pub struct Monotone<'a> {
 }
 
 /// Steps after which bisection alone has exhausted all 2¹¹ exponents and 52 bits of the argument.
-const CAP: usize = 200;
+const MOST_STEPS: usize = 200;
 /// Arguments end here, so that they do not overflow when divided by the width of a narrow side.
 const X_MAX: f64 = 1e304;
 
@@ -34,7 +34,7 @@ pub fn solve(function: &Monotone, target: f64, start: f64) -> f64 {
     // squared by each step out of reach of Newton's: a quantile may lie at 1e299, and the density is 0 long before
     let mut reach = 16.0_f64;
     let mut last_miss = f64::INFINITY;
-    for _ in 0..CAP {
+    for _ in 0..MOST_STEPS {
         let value = (function.value)(x);
         if value == target {
             return x;

@@ -3,6 +3,7 @@
 pub mod exponent;
 pub mod gamma_ratio;
 pub(crate) mod hermite;
+pub(crate) mod interpolation;
 pub mod invert;
 pub mod quadrature;
 

@@ -22,7 +22,7 @@ use std::f64::consts::PI;
 /// Number of cells in y.
 pub const CELLS: usize = 64;
 /// Number of rows in a/(a + b).
-pub const ROWS: usize = 15;
+pub const VIEW_ROWS: usize = 15;
 /// Values that are compared at a time: every eighth knot selects a block of eight.
 pub const BLOCK: usize = 8;
 /// Length of a list of knots or masses with every eighth in front.
@@ -72,7 +72,7 @@ pub struct Mixture {
 impl VisibleTable {
     /// Tabulates a profile.
     pub fn new(profile: &dyn Profile, masking: &MaskingIntegral) -> Self {
-        Self::with_rows(profile, masking, ROWS)
+        Self::with_rows(profile, masking, VIEW_ROWS)
     }
 
     /// The row of D·cos alone, an eighth of the size: every view is that along the normal.
@@ -80,7 +80,7 @@ impl VisibleTable {
         Self::with_rows(profile, masking, 1)
     }
 
-    /// The last `rows` rows, of `ROWS`.
+    /// The last `rows` rows, of `VIEW_ROWS`.
     fn with_rows(profile: &dyn Profile, masking: &MaskingIntegral, rows: usize) -> Self {
         let scale = row_scale(profile);
         let breaks = profile.breaks(PLACING_DEPTH);
@@ -94,8 +94,8 @@ impl VisibleTable {
         let cells: Vec<Vec<Sample>> =
             knots.windows(2).map(|ends| samples(profile, &breaks, ends[0], ends[1])).collect();
         let factor = profile.normalization() / PI;
-        for row in ROWS - rows..ROWS {
-            let position = row as f64 / (ROWS - 1) as f64;
+        for row in VIEW_ROWS - rows..VIEW_ROWS {
+            let position = row as f64 / (VIEW_ROWS - 1) as f64;
             let view = RowView { position, scale };
             // the lost cell: what lies beyond the last finite knot
             let masses: Vec<f64> = cells
@@ -147,11 +147,11 @@ impl VisibleTable {
 
     /// The row coordinate for a stretched view with the given cosine and sine, both times any positive number.
     pub fn mixture(&self, cos: f64, sin: f64) -> Mixture {
-        if self.rows < ROWS {
+        if self.rows < VIEW_ROWS {
             return self.unseen();
         }
-        let r = cos / (cos + sin * self.scale) * (ROWS - 1) as f64;
-        let row = (r as usize).min(ROWS - 2);
+        let r = cos / (cos + sin * self.scale) * (VIEW_ROWS - 1) as f64;
+        let row = (r as usize).min(VIEW_ROWS - 2);
         Mixture { row, t: r - row as f64 }
     }
 

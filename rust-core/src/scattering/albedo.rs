@@ -16,7 +16,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A view, with the roughness in the frame of its azimuth: slopes are `(along·x, shear·x + across·y)` for stretched slopes (x, y).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct Incidence {
     /// `cot θ / along`, the argument of masking; 0 at the horizon, infinite along the normal.
     pub a: f64,
     /// Roughness in the plane of incidence, `√(α_u² cos²φ + α_v² sin²φ)`.
@@ -27,7 +27,7 @@ pub struct View {
     pub shear: f64,
 }
 
-impl View {
+impl Incidence {
     /// The view of a direction, ω.z ≥ 0.
     pub fn new(alpha: Roughness, w: DVec3) -> Self {
         let sin = w.x.hypot(w.y);
@@ -50,7 +50,7 @@ pub struct Rule {
 }
 
 impl Rule {
-    /// E within 2e-4 of drawn normals, whose noise that is (test `loss_agrees_with_brute_force`).
+    /// E within 2e-4 of drawn normals, whose noise that is (test `missing_energy_agrees_with_brute_force`).
     pub const REFERENCE: Self = Self { azimuthal: 48, radial: 16 };
     /// For isotropic tables: E within 1e-4 of the reference for smooth profiles.
     pub const TABLE: Self = Self { azimuthal: 12, radial: 6 };
@@ -67,7 +67,7 @@ const RATIO: f64 = 4.0;
 /// Panels below the first one with this share of all normals are merged.
 const LEAST_SHARE: f64 = 1e-4;
 /// Stretched slopes beyond are lost: their reflection is masked whatever the view.
-const CAP: f64 = 1e9;
+const GREATEST_SLOPE: f64 = 1e9;
 
 /// A profile sampled for the integral over the slopes.
 pub struct SingleScattering<'a> {
@@ -98,7 +98,7 @@ impl<'a> SingleScattering<'a> {
     }
 
     /// `1 − E`.
-    pub fn loss(&self, view: View) -> f64 {
+    pub fn missing_energy(&self, view: Incidence) -> f64 {
         // along the normal every azimuth is the view's; a finite stand-in is 1e-12 off
         let a = view.a.min(1e6 / view.along.min(1.0));
         let sec = (1.0 + (a * view.along).powi(2)).sqrt();
@@ -119,7 +119,13 @@ impl<'a> SingleScattering<'a> {
     }
 
     /// `∫ ρ f (a + ρ x)⁺ (1 − G) dρ` along one azimuth.
-    fn along_azimuth(&self, view: &View, (sin, cos): (f64, f64), (a, masked): (f64, f64), (x, y): (f64, f64)) -> f64 {
+    fn along_azimuth(
+        &self,
+        view: &Incidence,
+        (sin, cos): (f64, f64),
+        (a, masked): (f64, f64),
+        (x, y): (f64, f64),
+    ) -> f64 {
         let (slope_x, slope_y) = (view.along * x, view.shear * x + view.across * y);
         let square = slope_x * slope_x + slope_y * slope_y;
         // end of the radius: z s² ρ² − 2 sin s_x ρ − z < 0
@@ -168,9 +174,9 @@ impl<'a> SingleScattering<'a> {
 
 /// Ends of the panels of the radius.
 fn panel_edges(profile: &dyn Profile) -> Vec<f64> {
-    let mut breaks: Vec<f64> = profile.breaks(40.0).into_iter().filter(|&x| x < CAP).collect();
+    let mut breaks: Vec<f64> = profile.breaks(40.0).into_iter().filter(|&x| x < GREATEST_SLOPE).collect();
     if let Tail::Power { .. } = profile.tail() {
-        breaks.push(CAP);
+        breaks.push(GREATEST_SLOPE);
     }
     let mut edges = vec![0.0];
     let mut left = 0.0;

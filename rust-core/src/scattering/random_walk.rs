@@ -32,7 +32,7 @@ pub struct RandomWalk<'a> {
 }
 
 /// Facets after which a walk is given up. Without absorption the chance of that is below 1e-9 for roughness up to 10.
-const CAP: u32 = 100_000;
+const MOST_FACETS: u32 = 100_000;
 
 impl<'a> RandomWalk<'a> {
     /// A surface with this distribution of normals.
@@ -46,7 +46,7 @@ impl<'a> RandomWalk<'a> {
         let mut ray = -wi;
         // ln C, 0 at the top
         let mut height = 0.0;
-        for bounces in 0..CAP {
+        for bounces in 0..MOST_FACETS {
             let depth = -(1.0 - random()).ln();
             if ray.z > 0.0 {
                 let lambda = self.ndf.lambda(self.alpha, ray);

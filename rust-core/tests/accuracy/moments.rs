@@ -81,21 +81,22 @@ pub fn upper() -> Record {
     })
 }
 
-pub fn g() -> Record {
+pub fn kernel() -> Record {
     over_shapes("g", |record, _, case, seed| {
         let side = Side::new(case.gamma, case.p);
         for (source, r) in radii(case, seed) {
             let want = centered(case).g(Dd::from(r));
-            record.compare(source, side.g(Radius::exact(r)), want, || format!("{case:?} r = {r:e}"));
+            record.compare(source, side.kernel(Radius::exact(r)), want, || format!("{case:?} r = {r:e}"));
         }
     })
 }
 
-pub fn g_fast() -> Record {
+pub fn kernel_fast() -> Record {
     over_shapes("g_fast", |record, _, case, seed| {
         let side = Side::new(case.gamma, case.p);
         for (source, r) in radii(case, seed) {
-            record.compare(source, side.g_fast(r), centered(case).g(Dd::from(r)), || format!("{case:?} r = {r:e}"));
+            record
+                .compare(source, side.kernel_fast(r), centered(case).g(Dd::from(r)), || format!("{case:?} r = {r:e}"));
         }
     })
 }
