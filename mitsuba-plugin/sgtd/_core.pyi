@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy
@@ -101,3 +102,85 @@ class Ndf:
 
     def eval(self, query: str, alpha_u: float, alpha_v: float, first: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], second: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)] | None = None) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
         """A function of the core's table of queries over arrays, by its name."""
+
+class Watch:
+    """How far a long call is; `stop` ends it."""
+
+    def __init__(self) -> None: ...
+
+    @property
+    def done(self) -> int:
+        """Steps or walks."""
+
+    @property
+    def distance(self) -> float:
+        """
+        Kolmogorov-Smirnov distance that the last step of a generator began with.
+        """
+
+    def stop(self) -> None: ...
+
+class SlopeAgreement:
+    """How near slopes are to a distribution."""
+
+    @property
+    def ks(self) -> float:
+        """Kolmogorov-Smirnov distance of the radial slopes."""
+
+    @property
+    def tv(self) -> float:
+        """
+        Total variation over 64 x 32 bins of equal probability, radius and azimuth.
+        """
+
+    @property
+    def tv_independent(self) -> float:
+        """What as many independent facets have of it, on average."""
+
+    @property
+    def worst_bin(self) -> float:
+        """Greatest relative error of 100 radial bins of equal probability."""
+
+    @property
+    def mean_error(self) -> float:
+        """Mean length of the slopes over that of the target, less 1."""
+
+def slope_agreement(ndf: Ndf, alpha_u: float, alpha_v: float, slopes: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)]) -> SlopeAgreement:
+    """Distances of slopes, packed x, y, from a distribution."""
+
+class Goniometer:
+    """What a virtual goniometer measures."""
+
+    def __init__(self, wi: Sequence[float], material: str, eta: Sequence[float], k: Sequence[float], orders: int, polar: int, azimuths: int, cosines: int, walks: int, seed: int) -> None: ...
+
+def measure_model(ndf: Ndf, alpha_u: float, alpha_v: float, goniometer: Goniometer, watch: Watch) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Walks on Smith's model of a surface; the numbers are those of Microsurface.measure.
+    """
+
+class Microsurface:
+    """A periodic surface made of facets."""
+
+    def __init__(self, nx: int, ny: int, dx: float, dy: float, heights: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)]) -> None: ...
+
+    @staticmethod
+    def generate(ndf: Ndf, size: int, correlation: float, seed: int, tolerance: float, steps: int, watch: Watch) -> Microsurface: ...
+
+    def heights(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """x first"""
+
+    def slopes(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """Of all facets, packed x, y: lower and upper of each cell in turn."""
+
+    def projected_areas(self, w: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """
+        Area of all facets that face a direction, seen from there, per area of the tile.
+        """
+
+    def areas_by_cosine(self, goniometer: Goniometer) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """The same for its view, by the cosine between view and normal."""
+
+    def measure(self, goniometer: Goniometer, watch: Watch) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """
+        Walks, lost, sums of bounces and of their squares; first facets by cosine; energies by (hemisphere, order, polar, azimuth, color); sums of their squares.
+        """

@@ -293,4 +293,93 @@ void Ndf::eval(std::string_view query, double alpha_u, double alpha_v, In first,
     });
 }
 
+struct Watch::Impl {
+    rust::Box<sgtd::Watch> core;
+};
+
+Watch::Watch() : m_impl(new Impl{ sgtd::new_watch() }) {}
+Watch::~Watch() = default;
+uint64_t Watch::done() const { return m_impl->core->done(); }
+double Watch::distance() const { return m_impl->core->distance(); }
+void Watch::stop() const { m_impl->core->stop(); }
+
+static sgtd::Goniometer to_core(const Goniometer &goniometer) {
+    auto material = goniometer.material == FacetMaterial::Conductor ? sgtd::FacetMaterial::Conductor
+                    : goniometer.material == FacetMaterial::Dielectric
+                        ? sgtd::FacetMaterial::Dielectric
+                        : sgtd::FacetMaterial::Mirror;
+    return { to_core(goniometer.wi), material,         goniometer.eta,      goniometer.k,
+             goniometer.orders,      goniometer.polar, goniometer.azimuths, goniometer.cosines,
+             goniometer.walks,       goniometer.seed };
+}
+
+size_t Goniometer::numbers() const {
+    return checked([&] { return sgtd::count_numbers(to_core(*this)); });
+}
+
+SlopeAgreement Ndf::slope_agreement(double alpha_u, double alpha_v, In slopes) const {
+    return checked([&] {
+        auto found = sgtd::slope_agreement(*m_impl->core, alpha_u, alpha_v, to_core(slopes));
+        return SlopeAgreement{ found.ks, found.tv, found.tv_independent, found.worst_bin,
+                               found.mean_error };
+    });
+}
+
+void Ndf::measure_model(double alpha_u, double alpha_v, const Goniometer &goniometer,
+                        const Watch &watch, Out out) const {
+    checked([&] {
+        sgtd::measure_model(*m_impl->core, alpha_u, alpha_v, to_core(goniometer),
+                            *watch.m_impl->core, to_core(out));
+    });
+}
+
+struct Microsurface::Impl {
+    rust::Box<sgtd::Microsurface> core;
+};
+
+Microsurface::Microsurface(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {}
+Microsurface::Microsurface(Microsurface &&other) noexcept = default;
+Microsurface::~Microsurface()                             = default;
+
+Microsurface Microsurface::generate(const Ndf &ndf, size_t size, double correlation, uint64_t seed,
+                                    double tolerance, size_t steps, const Watch &watch) {
+    return checked([&] {
+        sgtd::SurfaceSettings settings{ size, correlation, seed, tolerance, steps };
+        return Microsurface(std::unique_ptr<Impl>(
+            new Impl{ sgtd::generate_surface(*ndf.m_impl->core, settings, *watch.m_impl->core) }));
+    });
+}
+
+Microsurface::Microsurface(size_t nx, size_t ny, double dx, double dy, Slice<const double> heights)
+    : m_impl(checked([&] {
+          return std::unique_ptr<Impl>(
+              new Impl{ sgtd::surface_of_heights(nx, ny, dx, dy, to_core(heights)) });
+      })) {}
+
+Slice<const double> Microsurface::heights() const {
+    auto heights = m_impl->core->heights();
+    return { heights.data(), heights.size() };
+}
+
+std::vector<double> Microsurface::slopes() const {
+    auto slopes = m_impl->core->slopes();
+    return { slopes.begin(), slopes.end() };
+}
+
+void Microsurface::projected_areas(Slice<const double> w, Slice<double> out) const {
+    checked([&] { m_impl->core->projected_areas(to_core(w), to_core(out)); });
+}
+
+std::vector<double> Microsurface::areas_by_cosine(const Goniometer &goniometer) const {
+    return checked([&] {
+        auto areas = m_impl->core->areas_by_cosine(to_core(goniometer));
+        return std::vector<double>(areas.begin(), areas.end());
+    });
+}
+
+void Microsurface::measure(const Goniometer &goniometer, const Watch &watch,
+                           Slice<double> out) const {
+    checked([&] { m_impl->core->measure(to_core(goniometer), *watch.m_impl->core, to_core(out)); });
+}
+
 } // namespace sgtd::host

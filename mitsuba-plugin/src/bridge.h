@@ -148,6 +148,49 @@ size_t first_of_wrong_length(Slice<const double> w, double tolerance);
 /// Index of the first number outside [low, high]; their number if there is none.
 size_t first_outside(Slice<const double> x, double low, double high);
 
+/// How far a long call is, for other threads to see; they may ask it to stop.
+class Watch {
+public:
+    Watch();
+    ~Watch();
+    Watch(const Watch &)            = delete;
+    Watch &operator=(const Watch &) = delete;
+
+    /// Steps or walks.
+    uint64_t done() const;
+    /// Kolmogorov-Smirnov distance that the last step of a generator began with.
+    double distance() const;
+    void stop() const;
+
+private:
+    friend class Ndf;
+    friend class Microsurface;
+    struct Impl;
+    std::unique_ptr<Impl> m_impl;
+};
+
+/// How near slopes are to a distribution.
+struct SlopeAgreement {
+    double ks, tv, tv_independent, worst_bin, mean_error;
+};
+
+/// What facets are made of.
+enum class FacetMaterial { Mirror, Conductor, Dielectric };
+
+/// What a virtual goniometer measures.
+struct Goniometer {
+    Vec3 wi;
+    FacetMaterial material;
+    /// Per color; a dielectric has its relative index in all of `eta`
+    std::array<double, 3> eta, k;
+    size_t orders, polar, azimuths, cosines;
+    uint64_t walks, seed;
+
+    /// How many numbers it has to say: walks, lost, sums of bounces and of their squares; first
+    /// facets by cosine; energies by (hemisphere, order, polar, azimuth, color); their squares.
+    size_t numbers() const;
+};
+
 /// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).
 class Ndf {
 public:
@@ -187,9 +230,43 @@ public:
     void eval(std::string_view query, double alpha_u, double alpha_v, In first, In second,
               Out out) const;
 
+    /// Distances of slopes (packed x, y) from this distribution.
+    SlopeAgreement slope_agreement(double alpha_u, double alpha_v, In slopes) const;
+
+    /// Walks on Smith's model of a surface: all numbers of `Goniometer::numbers`.
+    void measure_model(double alpha_u, double alpha_v, const Goniometer &goniometer,
+                       const Watch &watch, Out out) const;
+
 private:
+    friend class Microsurface;
     struct Impl;
     explicit Ndf(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> m_impl;
+};
+
+/// A periodic surface made of facets.
+class Microsurface {
+public:
+    /// With slopes of this distribution, at unit roughness and spacing.
+    static Microsurface generate(const Ndf &ndf, size_t size, double correlation, uint64_t seed,
+                                 double tolerance, size_t steps, const Watch &watch);
+    /// Of given heights, x first.
+    Microsurface(size_t nx, size_t ny, double dx, double dy, Slice<const double> heights);
+    ~Microsurface();
+    Microsurface(Microsurface &&other) noexcept;
+
+    Slice<const double> heights() const;
+    /// Of all facets, packed x, y
+    std::vector<double> slopes() const;
+    /// Areas of facets that face each of the directions, packed xyz
+    void projected_areas(Slice<const double> w, Slice<double> out) const;
+    /// Those that one view sees, by the cosine between it and the normal
+    std::vector<double> areas_by_cosine(const Goniometer &goniometer) const;
+    void measure(const Goniometer &goniometer, const Watch &watch, Slice<double> out) const;
+
+private:
+    struct Impl;
+    explicit Microsurface(std::unique_ptr<Impl> impl);
     std::unique_ptr<Impl> m_impl;
 };
 

@@ -1,12 +1,10 @@
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 
-#include "bridge.h"
+#include "python_arrays.h"
 
 /// `sgtd._core`: the core over flat arrays of float64. `sgtd/ndf.py` checks arguments and gives
 /// arrays their shape.
@@ -16,35 +14,9 @@ using namespace nb::literals;
 using sgtd::host::Ndf;
 using sgtd::host::Node;
 using sgtd::host::Shape;
-
-namespace {
-
-/// C-contiguous float64 of any shape; the number of values is what counts here.
-using Array = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
-
-using Flat = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
-
-Ndf::In in(const Array &array) { return { array.data(), array.size() }; }
-
-/// A new flat array, to be filled without the interpreter lock.
-class Output {
-public:
-    explicit Output(size_t size) : m_data(new double[size]), m_size(size) {}
-
-    Ndf::Out out() { return { m_data.get(), m_size }; }
-
-    Flat release() {
-        double *data = m_data.release();
-        nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<double *>(p); });
-        return Flat(data, { m_size }, owner);
-    }
-
-private:
-    std::unique_ptr<double[]> m_data;
-    size_t m_size;
-};
-
-} // namespace
+using sgtd::python::Array;
+using sgtd::python::in;
+using sgtd::python::Output;
 
 NB_MODULE(_core, m) {
     m.attr("mitsuba_release")  = SGTD_MITSUBA_RELEASE;
@@ -177,4 +149,6 @@ NB_MODULE(_core, m) {
             },
             "query"_a, "alpha_u"_a, "alpha_v"_a, "first"_a, "second"_a = nb::none(),
             "A function of the core's table of queries over arrays, by its name.");
+
+    sgtd::python::add_microsurface(m);
 }

@@ -119,6 +119,47 @@ mod ffi {
         columns: u32,
     }
 
+    /// What an explicit surface should be: see `microsurface::generate::Settings`.
+    #[derive(Clone, Copy)]
+    struct SurfaceSettings {
+        size: usize,
+        correlation: f64,
+        seed: u64,
+        tolerance: f64,
+        steps: usize,
+    }
+
+    /// How near slopes are to a distribution: see `microsurface::agreement::Agreement`.
+    struct SlopeAgreement {
+        ks: f64,
+        tv: f64,
+        tv_independent: f64,
+        worst_bin: f64,
+        mean_error: f64,
+    }
+
+    /// What facets are made of.
+    #[derive(Debug, PartialEq, Eq)]
+    enum FacetMaterial {
+        Mirror,
+        Conductor,
+        Dielectric,
+    }
+
+    /// What a virtual goniometer measures: see `microsurface::goniometer::Setup`. A dielectric has its relative index in all of `eta`.
+    struct Goniometer {
+        wi: Vec3,
+        material: FacetMaterial,
+        eta: [f64; 3],
+        k: [f64; 3],
+        orders: usize,
+        polar: usize,
+        azimuths: usize,
+        cosines: usize,
+        walks: u64,
+        seed: u64,
+    }
+
     extern "Rust" {
         type Ndf;
         type AlbedoTable;
@@ -168,12 +209,44 @@ mod ffi {
         fn first_outside(x: &[f64], low: f64, high: f64) -> usize;
 
         fn forget_threads();
+
+        type Microsurface;
+        type Watch;
+
+        fn new_watch() -> Box<Watch>;
+        fn done(self: &Watch) -> u64;
+        fn distance(self: &Watch) -> f64;
+        fn stop(self: &Watch);
+
+        fn generate_surface(ndf: &Ndf, settings: &SurfaceSettings, watch: &Watch) -> Result<Box<Microsurface>>;
+        fn surface_of_heights(nx: usize, ny: usize, dx: f64, dy: f64, heights: &[f64]) -> Result<Box<Microsurface>>;
+        fn heights(self: &Microsurface) -> &[f64];
+        fn slopes(self: &Microsurface) -> Vec<f64>;
+        fn projected_areas(self: &Microsurface, w: &[f64], out: &mut [f64]) -> Result<()>;
+        fn areas_by_cosine(self: &Microsurface, goniometer: &Goniometer) -> Result<Vec<f64>>;
+        fn measure(self: &Microsurface, goniometer: &Goniometer, watch: &Watch, out: &mut [f64]) -> Result<()>;
+
+        fn slope_agreement(ndf: &Ndf, alpha_u: f64, alpha_v: f64, slopes: &[f64]) -> Result<SlopeAgreement>;
+        fn count_numbers(goniometer: &Goniometer) -> Result<usize>;
+        fn measure_model(
+            ndf: &Ndf,
+            alpha_u: f64,
+            alpha_v: f64,
+            goniometer: &Goniometer,
+            watch: &Watch,
+            out: &mut [f64],
+        ) -> Result<()>;
     }
 }
 
 use ffi::{
     AlbedoHeader, Given, Node, NormalSample, Normals, Reflected, ReflectedAndSample, Reflection, ReflectionSample,
     RowShape, TableHeader, Vec3,
+};
+
+mod microsurface;
+use microsurface::{
+    Microsurface, Watch, count_numbers, generate_surface, measure_model, new_watch, slope_agreement, surface_of_heights,
 };
 
 /// The opaque object that C++ holds.

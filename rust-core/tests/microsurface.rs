@@ -11,7 +11,9 @@ use sgtd_core::microsurface::generate::{Generated, Settings, generate};
 use sgtd_core::microsurface::goniometer::{Counts, Setup};
 use sgtd_core::microsurface::surface::Surface;
 use sgtd_core::microsurface::trace::{End, Side, Tracer};
-use sgtd_core::ndf::{Ndf, Roughness};
+use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
+use sgtd_core::scattering::albedo::{Rule, SingleScattering, View};
+use sgtd_core::scattering::random_walk::RandomWalk;
 use std::f64::consts::PI;
 
 fn made(case: Case, settings: &Settings) -> Generated {
@@ -115,8 +117,12 @@ fn a_seed_says_everything() {
         pool.install(|| {
             let surface = made(GGX, &Settings { size: 64, seed, ..Settings::default() }).surface;
             let surface = surface.stretched(DVec2::splat(0.5));
-            let counts =
-                setup(towards(60.0), Material::Dielectric { eta: 1.5 }).measure(&Tracer::new(&surface), 40_000, seed);
+            let counts = setup(towards(60.0), Material::Dielectric { eta: 1.5 }).measure(
+                &Tracer::new(&surface),
+                40_000,
+                seed,
+                |_| true,
+            );
             (surface, counts)
         })
     };
@@ -265,7 +271,7 @@ fn every_walk_ends() {
         let surface = made(shape, &small()).surface.stretched(DVec2::new(0.8, 0.3));
         let tracer = Tracer::new(&surface);
         let setup = setup(towards(theta), Material::Mirror);
-        let counts = setup.measure(&tracer, 50_000, 3);
+        let counts = setup.measure(&tracer, 50_000, 3, |_| true);
         assert_eq!((counts.walks, counts.lost), (50_000, 0), "{shape:?} {theta}");
         assert!((hemisphere(&counts, 0) - 1.0).abs() < 1e-12 && hemisphere(&counts, 1) == 0.0);
         assert_eq!(counts.first.iter().sum::<u64>(), 50_000);
@@ -284,7 +290,7 @@ fn first_bounces_have_the_energy_of_other_programs() {
         [(case(f64::INFINITY, 1.0, 0.0, 0.0), 0.872), (case(f64::INFINITY, 3.0, 0.0, 0.0), 0.888), (GGX, 0.743)]
     {
         let surface = made(shape, &Settings { size: 256, ..Settings::default() }).surface.stretched(DVec2::splat(0.5));
-        let counts = setup(towards(60.0), Material::Mirror).measure(&Tracer::new(&surface), 100_000, 0);
+        let counts = setup(towards(60.0), Material::Mirror).measure(&Tracer::new(&surface), 100_000, 0, |_| true);
         let order = counts.energy.len() / 8;
         let first = counts.energy[..order].iter().sum::<f64>() / 300_000.0;
         println!("{shape:?}: {first:.4}");
@@ -300,12 +306,12 @@ fn glass_reflects_or_transmits() {
     for eta in [1.1, 1.5, 2.5, 1.0 / 1.1, 1.0 / 1.5, 0.4] {
         let glass = Material::Dielectric { eta };
         for theta in [0.0, 60.0, 80.0] {
-            let counts = setup(towards(theta), glass).measure(&Tracer::new(&rough), 20_000, 1);
+            let counts = setup(towards(theta), glass).measure(&Tracer::new(&rough), 20_000, 1, |_| true);
             assert_eq!(counts.lost, 0);
             assert!((hemisphere(&counts, 0) + hemisphere(&counts, 1) - 1.0).abs() < 1e-12);
             assert!(hemisphere(&counts, 1) > 0.0);
             let setup = setup(towards(theta), glass);
-            let counts = setup.measure(&Tracer::new(&flat), 20_000, 1);
+            let counts = setup.measure(&Tracer::new(&flat), 20_000, 1, |_| true);
             let (expected, beyond) = dielectric(towards(theta).z, eta);
             let noise = (expected * (1.0 - expected) / 20_000.0).sqrt();
             assert!((hemisphere(&counts, 0) - expected).abs() <= 4.0 * noise, "{eta} {theta}");
@@ -323,15 +329,51 @@ fn glass_reflects_or_transmits() {
 fn metals_absorb() {
     let gold = Material::Conductor { eta: DVec3::new(0.18, 0.42, 1.37), k: DVec3::new(3.43, 2.35, 1.77) };
     let flat = Surface::new(4, 4, DVec2::ONE, vec![0.0; 16]).unwrap_or_else(|error| panic!("{error}"));
-    let counts = setup(towards(0.0), gold).measure(&Tracer::new(&flat), 1000, 0);
+    let counts = setup(towards(0.0), gold).measure(&Tracer::new(&flat), 1000, 0, |_| true);
     for (color, (eta, k)) in [(0.18_f64, 3.43_f64), (0.42, 2.35), (1.37, 1.77)].into_iter().enumerate() {
         let normal = ((eta - 1.0).powi(2) + k * k) / ((eta + 1.0).powi(2) + k * k);
         let found: f64 = counts.energy.iter().skip(color).step_by(3).sum::<f64>() / 1000.0;
         assert!((found - normal).abs() < 1e-12, "{found}, not {normal}");
     }
     let rough = made(GGX, &small()).surface.stretched(DVec2::splat(0.8));
-    let counts = setup(towards(60.0), gold).measure(&Tracer::new(&rough), 20_000, 0);
+    let counts = setup(towards(60.0), gold).measure(&Tracer::new(&rough), 20_000, 0, |_| true);
     let red: f64 = counts.energy.iter().step_by(3).sum::<f64>() / 20_000.0;
     let blue: f64 = counts.energy.iter().skip(2).step_by(3).sum::<f64>() / 20_000.0;
     assert!(blue < 0.4 && red > 0.85 && red < 0.95, "{red} {blue}");
+}
+
+/// The goniometer on the model finds what the walk alone finds: what meets one facet has correlated masking, a metal pays at every facet, and the
+/// first facets are those that a view sees.
+#[test]
+fn the_model_is_measured_alike() {
+    let ndf = Ndf::new(Box::new(GGX.profile()), 1e-6).unwrap_or_else(|error| panic!("{error}"));
+    let alpha = Roughness { u: 0.5, v: 0.5 };
+    let model = RandomWalk::new(&ndf, alpha);
+    const WALKS: u64 = 100_000;
+    let mirror = setup(towards(60.0), Material::Mirror).measure_model(&model, WALKS, 0, |_| true);
+    assert_eq!((mirror.walks, mirror.lost, mirror.first.iter().sum::<u64>()), (WALKS, 0, WALKS));
+    assert!((hemisphere(&mirror, 0) - 1.0).abs() < 1e-12 && hemisphere(&mirror, 1) == 0.0);
+    let source = SingleScattering::new(&ndf, Shadowing::HeightCorrelated, Rule::REFERENCE);
+    let expected = 1.0 - source.loss(View::new(alpha, towards(60.0)));
+    let order = mirror.energy.len() / 8;
+    let first = mirror.energy[..order].iter().sum::<f64>() / (3.0 * WALKS as f64);
+    assert!((first - expected).abs() < 4.0 * (0.25 / WALKS as f64).sqrt(), "{first}, not {expected}");
+    let gold = Material::Conductor { eta: DVec3::splat(0.2), k: DVec3::splat(3.0) };
+    let metal = setup(towards(60.0), gold).measure_model(&model, WALKS, 0, |_| true);
+    // the same walks, paid for
+    assert_eq!(metal.bounces, mirror.bounces);
+    let first = metal.energy[..order].iter().sum::<f64>() / mirror.energy[..order].iter().sum::<f64>();
+    let later =
+        metal.energy[order..2 * order].iter().sum::<f64>() / mirror.energy[order..2 * order].iter().sum::<f64>();
+    assert!(first < 0.96 && (later - first * first).abs() < 0.02, "{first} {later}");
+    // 64 chunks of 8192 at a time
+    let mut seen = Vec::new();
+    let part = setup(towards(60.0), gold).measure_model(&model, 10 * WALKS, 0, |walks| {
+        seen.push(walks);
+        false
+    });
+    assert_eq!((part.walks, seen), (64 * 8192, vec![64 * 8192]));
+    let flat = part.flat();
+    assert_eq!(flat.len(), 4 + part.first.len() + 2 * part.energy.len());
+    assert_eq!((flat[0], flat[1], flat[2]), (part.walks as f64, 0.0, part.bounces[0] as f64));
 }

@@ -1,8 +1,11 @@
 //! A virtual goniometer: light from one direction, counted by where it goes and by how many facets it met.
+//!
+//! It measures surfaces, and Smith's model of them by its random walk: what the two differ in is what the model leaves out.
 
-use super::facet::Material;
+use super::facet::{Material, conductor};
 use super::generate::unit;
 use super::trace::{End, Side, Tracer};
+use crate::scattering::random_walk::RandomWalk;
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -67,8 +70,46 @@ impl Setup {
         }
     }
 
-    /// Sends `walks` rays; the same for the same seed, whatever the number of threads.
-    pub fn measure(&self, tracer: &Tracer, walks: u64, seed: u64) -> Counts {
+    /// Sends `walks` rays; the same for the same seed, whatever the number of threads. `watch` is told now and then how many have been followed,
+    /// and may stop the rest by returning false.
+    pub fn measure(&self, tracer: &Tracer, walks: u64, seed: u64, watch: impl FnMut(u64) -> bool) -> Counts {
+        self.in_chunks(walks, seed, watch, |random, counts| self.walk(tracer, random, counts))
+    }
+
+    /// Sends `walks` rays to Smith's model of a surface, by its random walk: for mirrors and metals, glass is taken for a mirror.
+    pub fn measure_model(
+        &self,
+        model: &RandomWalk<'_>,
+        walks: u64,
+        seed: u64,
+        watch: impl FnMut(u64) -> bool,
+    ) -> Counts {
+        self.in_chunks(walks, seed, watch, |random, counts| {
+            counts.walks += 1;
+            let (mut weight, mut first) = (DVec3::ONE, true);
+            let exit = model.walk(self.wi, &mut || unit(random), |cosine| {
+                if first {
+                    counts.first[self.cosine_bin(cosine)] += 1;
+                    first = false;
+                }
+                if let Material::Conductor { eta, k } = self.material {
+                    weight *= DVec3::from_array(std::array::from_fn(|c| conductor(cosine.min(1.0), eta[c], k[c])));
+                }
+            });
+            match exit {
+                Some(exit) => self.count(exit.direction, Side::Above, weight, exit.bounces, counts),
+                None => counts.lost += 1,
+            }
+        })
+    }
+
+    fn in_chunks(
+        &self,
+        walks: u64,
+        seed: u64,
+        mut watch: impl FnMut(u64) -> bool,
+        walk: impl Fn(&mut ChaCha8Rng, &mut Counts) + Sync,
+    ) -> Counts {
         let mut sum = self.empty();
         let chunks = walks.div_ceil(CHUNK);
         for group in (0..chunks).step_by(GROUP as usize) {
@@ -79,14 +120,21 @@ impl Setup {
                     random.set_stream(chunk);
                     let mut counts = self.empty();
                     for _ in 0..CHUNK.min(walks - chunk * CHUNK) {
-                        self.walk(tracer, &mut random, &mut counts);
+                        walk(&mut random, &mut counts);
                     }
                     counts
                 })
                 .collect();
             parts.iter().for_each(|part| sum.add(part));
+            if !watch(sum.walks) {
+                break;
+            }
         }
         sum
+    }
+
+    fn cosine_bin(&self, cosine: f64) -> usize {
+        ((cosine.max(0.0) * self.cosines as f64) as usize).min(self.cosines - 1)
     }
 
     fn walk(&self, tracer: &Tracer, random: &mut ChaCha8Rng, counts: &mut Counts) {
@@ -102,8 +150,7 @@ impl Setup {
             let slope = tracer.slope(&point);
             let m = DVec3::new(-slope.x, -slope.y, 1.0).normalize();
             if bounces == 0 {
-                let bin = (self.wi.dot(m).max(0.0) * self.cosines as f64) as usize;
-                counts.first[bin.min(self.cosines - 1)] += 1;
+                counts.first[self.cosine_bin(self.wi.dot(m))] += 1;
             }
             let choice = if matches!(self.material, Material::Dielectric { .. }) { unit(random) } else { 0.0 };
             let scattered = self.material.scatter(direction, m, side, choice);
@@ -142,7 +189,7 @@ impl Setup {
                         let area = self.wi.z - s.x * self.wi.x - s.y * self.wi.y;
                         if area > 0.0 {
                             let cosine = area / (1.0 + s.length_squared()).sqrt();
-                            areas[((cosine * self.cosines as f64) as usize).min(self.cosines - 1)] += area;
+                            areas[self.cosine_bin(cosine)] += area;
                         }
                     }
                 }
@@ -158,6 +205,13 @@ impl Setup {
 }
 
 impl Counts {
+    /// All numbers in one list: walks, lost, both of `bounces`, then `first`, `energy` and `squares`.
+    pub fn flat(&self) -> Vec<f64> {
+        let whole = [self.walks, self.lost, self.bounces[0], self.bounces[1]];
+        let whole = whole.iter().chain(&self.first).map(|&count| count as f64);
+        whole.chain(self.energy.iter().copied()).chain(self.squares.iter().copied()).collect()
+    }
+
     fn add(&mut self, other: &Self) {
         self.walks += other.walks;
         self.lost += other.lost;

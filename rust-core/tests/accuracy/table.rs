@@ -213,6 +213,8 @@ pub const TABLE: &[Row] = &[
     total("microsurface::generate::generate", "slopes_have_the_distribution_that_was_asked_for"),
     total("microsurface::goniometer::Setup::bins", "every_walk_ends"),
     total("microsurface::goniometer::Setup::measure", "every_walk_ends"),
+    total("microsurface::goniometer::Setup::measure_model", "the_model_is_measured_alike"),
+    total("microsurface::goniometer::Counts::flat", "the_model_is_measured_alike"),
     total("microsurface::goniometer::Setup::projected_areas", "areas_are_smiths_integral"),
     total("microsurface::surface::Surface::facets", "anisotropy_changes_no_statistics"),
     total("microsurface::surface::Surface::heights", "anisotropy_changes_no_statistics"),
