@@ -18,6 +18,7 @@ FLOORS = (
     ("scene",),
     ("compare",),
     ("explain", "accuracy", "doctor"),
+    ("microsurface",),
     ("cli",),
 )
 

@@ -90,24 +90,29 @@ pub fn generate(
     settings.check()?;
     let mut field = Field::new(profile, settings);
     let (mut best, mut heights) = (f64::INFINITY, Vec::new());
-    let mut steps = 0;
+    let (mut steps, mut seen) = (0, SEEN);
     loop {
         let distance = field.distance();
         // above 1 while either is not what was asked for
-        let excess = (distance / (SEEN * settings.tolerance)).max(field.unevenness());
+        let excess = (distance / (seen * settings.tolerance)).max(field.unevenness());
         if excess < best {
             best = excess;
             heights.clone_from(&field.heights);
         }
-        if !watch(steps, distance) || steps == settings.steps || (best <= 1.0 && steps >= LEAST_STEPS) {
-            break;
+        let ends = !watch(steps, distance) || steps == settings.steps;
+        if ends || (best <= 1.0 && steps >= LEAST_STEPS) {
+            let surface = Surface::new(settings.size, settings.size, DVec2::ONE, heights.clone())?;
+            let agreement = Agreement::of(&surface, DVec2::ONE, profile);
+            if ends || agreement.ks <= settings.tolerance {
+                return Ok(Generated { surface, agreement, steps });
+            }
+            // the histogram has not seen what it should have
+            seen *= SEEN;
+            best = f64::INFINITY;
         }
         field.step(steps);
         steps += 1;
     }
-    let surface = Surface::new(settings.size, settings.size, DVec2::ONE, heights)?;
-    let agreement = Agreement::of(&surface, DVec2::ONE, profile);
-    Ok(Generated { surface, agreement, steps })
 }
 
 /// The distance of a step is taken at the edges of a histogram: between them it is greater by a few percent.

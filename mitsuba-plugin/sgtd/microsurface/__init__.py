@@ -1,0 +1,8 @@
+"""Explicit microgeometry: surfaces with facets of a given distribution, a virtual goniometer, and what Smith's model makes of them."""
+
+from __future__ import annotations
+
+from .generate import generate
+from .surface import Surface, ks_distance, read_heights
+
+__all__ = ["Surface", "generate", "ks_distance", "read_heights"]
