@@ -12,7 +12,7 @@ use sgtd_core::microsurface::goniometer::{Counts, Setup};
 use sgtd_core::microsurface::surface::Surface;
 use sgtd_core::microsurface::trace::{End, Side, Tracer};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
-use sgtd_core::scattering::albedo::{Rule, SingleScattering, View};
+use sgtd_core::scattering::albedo::{Incidence, Rule, SingleScattering};
 use sgtd_core::scattering::random_walk::RandomWalk;
 use std::f64::consts::PI;
 
@@ -354,7 +354,7 @@ fn the_model_is_measured_alike() {
     assert_eq!((mirror.walks, mirror.lost, mirror.first.iter().sum::<u64>()), (WALKS, 0, WALKS));
     assert!((hemisphere(&mirror, 0) - 1.0).abs() < 1e-12 && hemisphere(&mirror, 1) == 0.0);
     let source = SingleScattering::new(&ndf, Shadowing::HeightCorrelated, Rule::REFERENCE);
-    let expected = 1.0 - source.loss(View::new(alpha, towards(60.0)));
+    let expected = 1.0 - source.missing_energy(Incidence::new(alpha, towards(60.0)));
     let order = mirror.energy.len() / 8;
     let first = mirror.energy[..order].iter().sum::<f64>() / (3.0 * WALKS as f64);
     assert!((first - expected).abs() < 4.0 * (0.25 / WALKS as f64).sqrt(), "{first}, not {expected}");
