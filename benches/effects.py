@@ -100,10 +100,10 @@ def table_bytes(properties: dict[str, Any]) -> int:
     shape, _ = _core.shape_of_row(row, *(properties.get(name) for name in ("gamma", "p", "lambda", "shift")))
     node = _core.lowest_node(shape)
     ndf = _core.Ndf.get(node.shape, _core.default_accuracy, properties.get("sample_visible", True))
-    losses = ndf.losses(False)[0] if properties.get("multiple_scattering") else 0
+    missing_energy = ndf.missing_energy(False)[0] if properties.get("multiple_scattering") else 0
     if node.closed_form or (row == "beckmann" and shape.shift == 0.0):
-        return losses
-    return ndf.table_bytes + losses
+        return missing_energy
+    return ndf.table_bytes + missing_energy
 
 
 def filled(properties: dict[str, Any]) -> object:

@@ -342,7 +342,7 @@ def test_json_has_every_key(explained):
         "code",
     }
     keys |= {"why", "alpha_scale", "effects", "table_bytes", "build_seconds", "accuracy_asked", "accuracy_reached"}
-    keys |= {"shares_tables_with", "costs", "advice", "loss_table_bytes", "loss_error"}
+    keys |= {"shares_tables_with", "costs", "advice", "missing_energy_table_bytes", "missing_energy_error"}
     for material in report["materials"]:
         assert set(material) == keys
         assert set(material["shape"]) == {"gamma", "p", "lam", "shift"}
@@ -350,13 +350,16 @@ def test_json_has_every_key(explained):
 
 
 def test_losses_are_told(explain, explained):
-    """Bytes and error of the table of losses, for one roughness and for a pair; nothing without it."""
+    """Bytes and error of the table of missing energy, for one roughness and for a pair; nothing without it."""
     flag = '<boolean name="multiple_scattering" value="true"/>'
     body = ours("a", flag, gamma=1.8, alpha=0.3) + ours("b", flag, gamma=1.8, alpha_u=0.3, alpha_v=0.1)
     one, pair, none = explained(body + ours("c", gamma=1.8))["materials"]
-    assert one["loss_table_bytes"] == 4 * (4 * 32 * 32 + 512) and pair["loss_table_bytes"] == 4 * 4 * 128 * 32
-    assert 0 < one["loss_error"] < 1e-3 and 0 < pair["loss_error"] < 1e-3
-    assert none["loss_table_bytes"] == 0 and none["loss_error"] is None
+    assert (
+        one["missing_energy_table_bytes"] == 4 * (4 * 32 * 32 + 512)
+        and pair["missing_energy_table_bytes"] == 4 * 4 * 128 * 32
+    )
+    assert 0 < one["missing_energy_error"] < 1e-3 and 0 < pair["missing_energy_error"] < 1e-3
+    assert none["missing_energy_table_bytes"] == 0 and none["missing_energy_error"] is None
     _, out, _ = explain(body, "--repetitions", "0")
     assert out.count("error of E") == 2
 

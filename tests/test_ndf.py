@@ -484,7 +484,7 @@ def test_copies(given):
 IN_CHILDREN = {
     "the same object": "ask(ndf)",
     "a new object": "ask(sgtd.Ndf(gamma=1.9, p=1.1, alpha=0.2))",
-    "the table of losses": "assert _core.Ndf.get(Shape(1.9, 1.2, 0.0, 0.0), 1e-3, False).losses(False)[0] > 0",
+    "the table of missing energy": "assert _core.Ndf.get(Shape(1.9, 1.2, 0.0, 0.0), 1e-3, False).missing_energy(False)[0] > 0",
     "a child of the child": "ask(ndf); in_child(lambda: ask(ndf))",
 }
 
@@ -519,7 +519,7 @@ def in_child(call):
 
 ndf = sgtd.Ndf(gamma=1.8, shift=0.3, accuracy=1e-3)
 ask(ndf)
-_core.Ndf.get(Shape(1.8, 1.2, 0.0, 0.0), 1e-3, False).losses(False)
+_core.Ndf.get(Shape(1.8, 1.2, 0.0, 0.0), 1e-3, False).missing_energy(False)
 """
 
 

@@ -95,7 +95,7 @@ class Ndf:
     @property
     def table_bytes(self) -> int: ...
 
-    def losses(self, correlated: bool, alpha_u: float | None = None, alpha_v: float | None = None) -> tuple[int, float]:
+    def missing_energy(self, correlated: bool, alpha_u: float | None = None, alpha_v: float | None = None) -> tuple[int, float]:
         """
         (bytes, error of E that was measured) of the table of what single scattering loses.
         """

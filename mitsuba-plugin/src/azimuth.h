@@ -2,6 +2,8 @@
 
 #include <mitsuba/core/fwd.h>
 
+#include "sgtd_constants.h"
+
 NAMESPACE_BEGIN(mitsuba)
 
 /**
@@ -147,11 +149,13 @@ private:
         third *= dr::fnmadd((1.f / 3.f) * cube * third, dr::square(third), 4.f / 3.f);
         Float v = (slope_0 + root) * third, psi = target * third;
         Mask past = e > 0.f;
-        auto fit = [&](float near, float far) { return dr::select(past, Float(far), Float(near)); };
-        Float by_share = dr::fmadd(fit(-1.3483f, -.0915f), v, fit(.6426f, -.3535f)),
-              by_angle = dr::fmadd(fit(-.0108f, .0247f), v, fit(-.0115f, .0006f));
-        by_share = dr::fmadd(v * (1.f - v), dr::fmadd(by_share, v, fit(-.5565f, -.0062f)), 1.f);
-        by_angle = dr::fmadd(dr::square(psi), dr::fmadd(by_angle, v, fit(.0237f, .0235f)), 1.f);
+        auto fit  = [&](size_t k) {
+            const auto &fits = sgtd::host::AzimuthFits;
+            return dr::select(past, Float(fits[1][k]), Float(fits[0][k]));
+        };
+        Float by_share = dr::fmadd(fit(2), v, fit(1)), by_angle = dr::fmadd(fit(5), v, fit(4));
+        by_share = dr::fmadd(v * (1.f - v), dr::fmadd(by_share, v, fit(0)), 1.f);
+        by_angle = dr::fmadd(dr::square(psi), dr::fmadd(by_angle, v, fit(3)), 1.f);
         return psi * by_share * by_angle;
     }
 
@@ -159,10 +163,12 @@ private:
     /// psi^2), h is close to the monotone rational-quadratic function with its values and slopes at
     /// both ends, which has a closed-form inverse. q is a fit over c in units of c + b.
     Float guess_within(const Float &share) const {
+        const auto &steep = sgtd::host::AzimuthSteepFit;
+        const auto &flat  = sgtd::host::AzimuthFlatFit;
         Float c = slope_0 + a, rest = 1.f - c,
-              q      = dr::select(c > 2.f / 3.f,
-                                  dr::fmadd(rest, dr::fmadd(rest, 1.2201f, .0958f), .0389f),
-                                  dr::fmadd(c, -.2256f, .0822f)),
+              q      = dr::select(c > sgtd::host::AzimuthSteep,
+                                  dr::fmadd(rest, dr::fmadd(rest, steep[2], steep[1]), steep[0]),
+                                  dr::fmadd(c, flat[1], flat[0])),
               spread = dr::fmadd(q * phi_1, phi_1, 1.f), inv_root = dr::rsqrt(spread),
               end = phi_1 * inv_root, unit = end * dr::rcp(mass), d0 = slope_0 * unit,
               d1 = unit * dr::square(spread) * inv_root, k = d0 + d1 - 2.f,

@@ -129,13 +129,13 @@ using NdfKey = std::tuple<double, double, double, double, double, bool>;
 Shared<NdfKey, Ndf> shared_ndfs;
 
 /// The pair is (0, 0) for tables of every isotropic roughness.
-using LossesKey = std::tuple<double, double, double, double, double, bool, double, double>;
-Shared<LossesKey, Losses> shared_losses;
+using MissingEnergyKey = std::tuple<double, double, double, double, double, bool, double, double>;
+Shared<MissingEnergyKey, MissingEnergy> shared_missing_energies;
 
 /// Runs in the child of every fork, where only stores are safe.
 void forget_parent() {
     shared_ndfs.forget();
-    shared_losses.forget();
+    shared_missing_energies.forget();
     sgtd::forget_threads();
 }
 
@@ -208,10 +208,10 @@ Tables Ndf::tables() const {
     return result;
 }
 
-static std::shared_ptr<const Losses> to_host(const sgtd::AlbedoTable &core) {
+static std::shared_ptr<const MissingEnergy> to_host(const sgtd::AlbedoTable &core) {
     sgtd::AlbedoHeader header     = core.albedo_header();
     rust::Slice<const float> flat = core.flat();
-    Losses result;
+    MissingEnergy result;
     result.slope          = header.slope;
     result.power          = header.power;
     result.end            = header.end;
@@ -226,26 +226,27 @@ static std::shared_ptr<const Losses> to_host(const sgtd::AlbedoTable &core) {
     result.views          = header.views;
     result.columns        = header.columns;
     result.table.assign(flat.begin(), flat.end());
-    return std::make_shared<const Losses>(std::move(result));
+    return std::make_shared<const MissingEnergy>(std::move(result));
 }
 
-std::shared_ptr<const Losses> Ndf::losses(bool correlated) const {
+std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated) const {
     const Shape &shape = m_impl->shape;
-    return shared_losses.get(
+    return shared_missing_energies.get(
         { shape.gamma, shape.p, shape.lambda, shape.shift, m_impl->accuracy, correlated, 0.0, 0.0 },
         [&] { return to_host(*sgtd::new_isotropic_albedo(*m_impl->core, correlated)); });
 }
 
-std::shared_ptr<const Losses> Ndf::losses(bool correlated, double alpha_u, double alpha_v) const {
+std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated, double alpha_u,
+                                                         double alpha_v) const {
     const Shape &shape = m_impl->shape;
-    return shared_losses.get({ shape.gamma, shape.p, shape.lambda, shape.shift, m_impl->accuracy,
-                               correlated, alpha_u, alpha_v },
-                             [&] {
-                                 return checked([&] {
-                                     return to_host(*sgtd::new_anisotropic_albedo(
-                                         *m_impl->core, correlated, alpha_u, alpha_v));
-                                 });
-                             });
+    return shared_missing_energies.get({ shape.gamma, shape.p, shape.lambda, shape.shift,
+                                         m_impl->accuracy, correlated, alpha_u, alpha_v },
+                                       [&] {
+                                           return checked([&] {
+                                               return to_host(*sgtd::new_anisotropic_albedo(
+                                                   *m_impl->core, correlated, alpha_u, alpha_v));
+                                           });
+                                       });
 }
 
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {

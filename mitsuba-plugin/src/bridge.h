@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "sgtd_constants.h"
+
 /// The Rust core as the C++ of this folder sees it.
 ///
 /// `bridge.cpp` is the only file that includes the generated cxx header. Errors of the core arrive
@@ -92,12 +94,6 @@ struct ReflectionSample {
 /// Lower values cost time, higher ones accuracy.
 constexpr double Steep = 38.0;
 
-/// What a material asks for if nothing is said: the permitted relative error of G1.
-constexpr double DefaultAccuracy = 1e-5;
-
-/// Mitsuba's renderers take a lower roughness as this one.
-constexpr double LeastAlpha = 1e-4;
-
 /// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
 struct Tables {
     double normalization, scale, accuracy_reached;
@@ -108,7 +104,7 @@ struct Tables {
 };
 
 /// What single scattering loses: numbers and an array from which 1 - E can be evaluated.
-struct Losses {
+struct MissingEnergy {
     double slope, power, end, spread, greatest, least_alpha, greatest_alpha;
     /// log2(1 - E_avg) of one pair of roughnesses, and its derivatives by their logarithms
     double average_log, average_u, average_v;
@@ -219,8 +215,9 @@ public:
 
     /// What single scattering loses at every isotropic roughness, or at one pair of roughnesses.
     /// Shared like the object of `get`.
-    std::shared_ptr<const Losses> losses(bool correlated) const;
-    std::shared_ptr<const Losses> losses(bool correlated, double alpha_u, double alpha_v) const;
+    std::shared_ptr<const MissingEnergy> missing_energy(bool correlated) const;
+    std::shared_ptr<const MissingEnergy> missing_energy(bool correlated, double alpha_u,
+                                                        double alpha_v) const;
 
     /// Functions over arrays, by their names in the core's table of queries. Directions are packed
     /// xyz. `results_of` says how many numbers come of so many in the first array.

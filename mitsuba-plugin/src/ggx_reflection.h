@@ -25,7 +25,8 @@ public:
     using ReflectionSample = typename SgtdDistribution<Float, Spectrum>::ReflectionSample;
 
     GgxReflection(const Float &alpha_u, const Float &alpha_v)
-        : m_alpha_u(dr::maximum(alpha_u, 1e-4f)), m_alpha_v(dr::maximum(alpha_v, 1e-4f)) {}
+        : m_alpha_u(dr::maximum(alpha_u, (float)sgtd::host::LeastAlpha)),
+          m_alpha_v(dr::maximum(alpha_v, (float)sgtd::host::LeastAlpha)) {}
 
     template <bool Value, bool Pdf>
     Reflected reflected(const Vector3f &wi, const Vector3f &wo, bool height_correlated) const {

@@ -125,13 +125,14 @@ NB_MODULE(_core, m) {
                          return (tables.lambda.size + tables.visible.size) * sizeof(float);
                      })
         .def(
-            "losses",
+            "missing_energy",
             [](const Ndf &ndf, bool correlated, std::optional<double> alpha_u,
                std::optional<double> alpha_v) {
                 nb::gil_scoped_release unlocked;
-                auto losses = alpha_u && alpha_v ? ndf.losses(correlated, *alpha_u, *alpha_v)
-                                                 : ndf.losses(correlated);
-                return std::make_pair(losses->table.size() * sizeof(float), losses->reached);
+                auto missing = alpha_u && alpha_v
+                                   ? ndf.missing_energy(correlated, *alpha_u, *alpha_v)
+                                   : ndf.missing_energy(correlated);
+                return std::make_pair(missing->table.size() * sizeof(float), missing->reached);
             },
             "correlated"_a, "alpha_u"_a = nb::none(), "alpha_v"_a = nb::none(),
             "(bytes, error of E that was measured) of the table of what single scattering loses.")

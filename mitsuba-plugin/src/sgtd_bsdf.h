@@ -380,7 +380,8 @@ private:
             // alpha_scale does not depend on the shift
             double scale =
                 sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], {}).alpha_scale;
-            double alpha = std::max((double)dr::slice(dr::detach(m_alpha_u->mean())) * scale, 1e-4);
+            double alpha = std::max((double)dr::slice(dr::detach(m_alpha_u->mean())) * scale,
+                                    sgtd::host::LeastAlpha);
             try {
                 return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], mu / alpha);
             } catch (const std::invalid_argument &error) {

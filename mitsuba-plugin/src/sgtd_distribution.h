@@ -168,13 +168,13 @@ public:
 
 private:
     /// Smaller roughness is raised to this
-    static constexpr float LeastAlpha = 1e-4f;
+    static constexpr float LeastAlpha = (float)sgtd::host::LeastAlpha;
     /// Least cosine of a normal that is divided by: the square of its inverse is finite
     static constexpr float LeastCos = 1e-18f;
     /// By how much the disc of the azimuths is enlarged, so that single precision tells how wide
-    /// their range is, and least share of the radii that is drawn; the core has the same
-    static constexpr float Margin     = 1.f / 512.f;
-    static constexpr float LeastShare = 1.f / 256.f;
+    /// their range is, and least share of the radii that is drawn
+    static constexpr float Margin     = sgtd::host::HorizonMargin;
+    static constexpr float LeastShare = sgtd::host::LeastShare;
     /// Greater values of D are cut off, so that products with them are finite
     static constexpr float GreatestD = 1e30f;
 

@@ -26,11 +26,11 @@ template <typename Float_> struct SgtdMultipleScattering {
     using Float       = Float_;
     using UInt32      = dr::uint32_array_t<Float>;
     using Mask        = dr::mask_t<Float>;
-    using Packet      = dr::Array<Float, 4>;
+    using Packet      = dr::Array<Float, sgtd::host::MissingEnergyPacket>;
     using FloatBuffer = DynamicBuffer<Float>;
 
-    /// Length of the list of averages. The core has the same constant; `load` compares.
-    static constexpr uint32_t Average = 512;
+    /// Length of the list of averages
+    static constexpr uint32_t Average = sgtd::host::AverageNodes;
 
     /// Is the table for one pair of roughnesses, or for every isotropic one?
     bool fixed = false;
@@ -46,22 +46,22 @@ template <typename Float_> struct SgtdMultipleScattering {
     UInt32 views, columns;
     FloatBuffer table;
     /// Held so that equal materials share it
-    std::shared_ptr<const sgtd::host::Losses> source;
+    std::shared_ptr<const sgtd::host::MissingEnergy> source;
 
     /// For every isotropic roughness.
-    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> losses) {
-        return load(std::move(losses), false, 1.0, 1.0);
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::MissingEnergy> missing) {
+        return load(std::move(missing), false, 1.0, 1.0);
     }
 
     /// For one pair of roughnesses.
-    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> losses,
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::MissingEnergy> missing,
                                        double alpha_u, double alpha_v) {
-        return load(std::move(losses), true, alpha_u, alpha_v);
+        return load(std::move(missing), true, alpha_u, alpha_v);
     }
 
     /// What both directions share: the roughness, and 1 - E_avg.
     struct Surface {
-        Float alpha_u, alpha_v, average_loss;
+        Float alpha_u, alpha_v, average_missing_energy;
     };
 
     Surface surface(const Float &u, const Float &v) const {
@@ -79,7 +79,7 @@ template <typename Float_> struct SgtdMultipleScattering {
     }
 
     /// 1 - E(w), w.z > 0.
-    template <typename Vector> Float loss(const Surface &s, const Vector &w) const {
+    template <typename Vector> Float missing_energy(const Surface &s, const Vector &w) const {
         Float sin2 = dr::maximum(dr::square(w.x()) + dr::square(w.y()), 1e-18f),
               sin = dr::sqrt(sin2), along = s.alpha_u;
         if (fixed) {
@@ -96,8 +96,8 @@ template <typename Float_> struct SgtdMultipleScattering {
 
     /**
      * Draws a direction for the lobe, by u and by two more random numbers: half of them in
-     * proportion to the cosine, half to cos / (c^2 + cos^2)^2, which follows the losses of low
-     * roughness towards the horizon.
+     * proportion to the cosine, half to cos / (c^2 + cos^2)^2, which follows the missing energy of
+     * low roughness towards the horizon.
      */
     template <typename Point> auto sample(const Surface &s, const Float &u, const Point &p) const {
         using Vector3 = Vector<Float, 3>;
@@ -123,9 +123,9 @@ template <typename Float_> struct SgtdMultipleScattering {
      * square of Hill 2018, for two reflections at least).
      */
     template <typename Spectrum>
-    static Spectrum tint(const Float &average_loss, const dr::Complex<Spectrum> &eta) {
+    static Spectrum tint(const Float &average_missing_energy, const dr::Complex<Spectrum> &eta) {
         Spectrum F  = average_fresnel(eta);
-        Float leave = dr::maximum(1.f - average_loss, 1e-6f);
+        Float leave = dr::maximum(1.f - average_missing_energy, 1e-6f);
         return dr::square(F) * leave / dr::maximum(1.f - F + F * leave, 1e-6f);
     }
 
@@ -145,30 +145,33 @@ template <typename Float_> struct SgtdMultipleScattering {
     }
 
 private:
-    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::Losses> source, bool fixed,
-                                       double alpha_u, double alpha_v) {
-        const sgtd::host::Losses &losses = *source;
-        if (losses.table.size() !=
-            (size_t)4 * losses.views * losses.columns + (fixed ? 0u : Average))
-            Throw("sgtd: the table of losses does not have the layout that this plugin was built "
+    static SgtdMultipleScattering load(std::shared_ptr<const sgtd::host::MissingEnergy> source,
+                                       bool fixed, double alpha_u, double alpha_v) {
+        const sgtd::host::MissingEnergy &missing = *source;
+        if (missing.table.size() !=
+            (size_t)sgtd::host::MissingEnergyPacket * missing.views * missing.columns +
+                (fixed ? 0u : Average))
+            Throw("sgtd: the table of missing energy does not have the layout that this plugin was "
+                  "built "
                   "for; rebuild the package.");
         SgtdMultipleScattering result;
         result.fixed              = fixed;
-        result.slope              = (float)losses.slope;
-        result.power              = (float)losses.power;
-        result.end                = (float)losses.end;
-        result.spread             = (float)losses.spread;
-        result.inv_greatest       = (float)(1.0 / losses.greatest);
-        result.inv_greatest_alpha = (float)(1.0 / losses.greatest_alpha);
-        result.inv_least_log = (float)(1.0 / std::log2(losses.least_alpha / losses.greatest_alpha));
-        result.alpha_u       = (float)alpha_u;
-        result.alpha_v       = (float)alpha_v;
-        result.average       = (float)losses.average_log;
-        result.average_u     = (float)losses.average_u;
-        result.average_v     = (float)losses.average_v;
-        result.views         = losses.views;
-        result.columns       = losses.columns;
-        result.table         = dr::load<FloatBuffer>(losses.table.data(), losses.table.size());
+        result.slope              = (float)missing.slope;
+        result.power              = (float)missing.power;
+        result.end                = (float)missing.end;
+        result.spread             = (float)missing.spread;
+        result.inv_greatest       = (float)(1.0 / missing.greatest);
+        result.inv_greatest_alpha = (float)(1.0 / missing.greatest_alpha);
+        result.inv_least_log =
+            (float)(1.0 / std::log2(missing.least_alpha / missing.greatest_alpha));
+        result.alpha_u   = (float)alpha_u;
+        result.alpha_v   = (float)alpha_v;
+        result.average   = (float)missing.average_log;
+        result.average_u = (float)missing.average_u;
+        result.average_v = (float)missing.average_v;
+        result.views     = missing.views;
+        result.columns   = missing.columns;
+        result.table     = dr::load<FloatBuffer>(missing.table.data(), missing.table.size());
         if constexpr (dr::is_jit_v<Float>)
             dr::make_opaque(result.slope, result.power, result.end, result.spread,
                             result.inv_greatest, result.inv_greatest_alpha, result.inv_least_log,
@@ -178,12 +181,13 @@ private:
         return result;
     }
 
-    /// The cosine at which losses end
+    /// The cosine at which missing energy ends
     Float lobe_width(const Surface &s) const {
         return dr::maximum(compressed(.5f * (s.alpha_u + s.alpha_v)), 1e-4f);
     }
 
-    /// c: the tangent of the elevation around which losses change, for low roughness and for high
+    /// c: the tangent of the elevation around which missing energy changes, for low roughness and
+    /// for high
     Float half(const Float &along) const {
         Float x = along * slope;
         return x / dr::fmadd(x, x, 1.f);

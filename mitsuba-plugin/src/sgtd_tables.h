@@ -24,13 +24,13 @@ template <typename Float_> struct SgtdTables {
     using FloatBuffer = DynamicBuffer<Float>;
 
     /// Size of the visible-normal table, of which `sample_visible = false` has the last row alone.
-    /// The core has the same constants; `load` compares.
-    static constexpr uint32_t Rows = 15, Cells = 64, Block = 8;
+    static constexpr uint32_t Rows = sgtd::host::VisibleRows, Cells = sgtd::host::VisibleCells,
+                              Block = sgtd::host::VisibleBlock;
     /// Of a list of knots or masses, every eighth in front; of a row, that list and a pair per cell
     static constexpr uint32_t List = Block + Cells, RowSize = List + 2 * Cells;
 
     /// Size of the masking table's header: one entry per exponent of a float.
-    static constexpr uint32_t Entries = 256;
+    static constexpr uint32_t Entries = sgtd::host::MaskingEntries;
 
     /// Single precision evaluates tables here, whether traced or not. The core is called for every
     /// value by variants in double precision, and where more is asked for than single precision

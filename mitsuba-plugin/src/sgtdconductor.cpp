@@ -170,7 +170,7 @@ public:
         read_metal(props);
         m_multiple_scattering = props.get<bool>("multiple_scattering", false);
         m_colored             = m_specular_reflectance != nullptr;
-        update_losses();
+        update_missing_energy();
         update_flags();
     }
 
@@ -186,14 +186,14 @@ public:
         const sgtd::host::RowShape before = m_node;
         Base::parameters_changed(keys);
         for (const char *name : { "alpha_u", "alpha_v" })
-            if (m_losses.fixed && recording<Float>() && string::contains(keys, name))
+            if (m_missing_energy.fixed && recording<Float>() && string::contains(keys, name))
                 Throw("parameter \"%s\" cannot be changed inside a frozen function where "
                       "multiple_scattering is on, as it has a table for two roughnesses: change it "
                       "before the call",
                       name);
         bool pair = changed(keys, "alpha_u") || changed(keys, "alpha_v");
-        if (!(m_node == before) || (m_losses.fixed && pair && !recording<Float>()))
-            update_losses();
+        if (!(m_node == before) || (m_missing_energy.fixed && pair && !recording<Float>()))
+            update_missing_energy();
         update_flags();
     }
 
@@ -317,7 +317,7 @@ private:
     }
 
     /// Makes the table of what single scattering loses, if it is to be returned.
-    void update_losses() {
+    void update_missing_energy() {
         if (!m_multiple_scattering)
             return;
         using MultipleScattering = SgtdMultipleScattering<Float>;
@@ -330,18 +330,20 @@ private:
             auto scaled = [&](double alpha) {
                 return std::max(alpha * m_node.alpha_scale, sgtd::host::LeastAlpha);
             };
-            m_losses = MultipleScattering::load(
-                ndf->losses(m_height_correlated, scaled(*u), scaled(*v)), scaled(*u), scaled(*v));
+            m_missing_energy = MultipleScattering::load(
+                ndf->missing_energy(m_height_correlated, scaled(*u), scaled(*v)), scaled(*u),
+                scaled(*v));
         } else {
-            m_losses = MultipleScattering::load(ndf->losses(m_height_correlated));
+            m_missing_energy = MultipleScattering::load(ndf->missing_energy(m_height_correlated));
         }
-        m_pair = m_losses.fixed;
-        if (m_losses.source->reached > 1e-3)
+        m_pair = m_missing_energy.fixed;
+        if (m_missing_energy.source->reached > 1e-3)
             Log(Warn,
                 "sgtdconductor: with multiple_scattering, the share of light that single "
                 "scattering keeps is off by up to %g for this shape, and a white furnace by as "
                 "much. A lower shift or p%s makes it smaller.",
-                m_losses.source->reached, m_losses.fixed ? ", or one alpha instead of two," : "");
+                m_missing_energy.source->reached,
+                m_missing_energy.fixed ? ", or one alpha instead of two," : "");
     }
 
     void update_flags() {
@@ -380,11 +382,11 @@ private:
             *m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic));
     }
 
-    /// The roughness as the table of losses knows it.
+    /// The roughness as the table of missing energy knows it.
     template <typename Facets> auto loss_surface(const Facets &facets) const {
         const auto least = (ScalarFloat)sgtd::host::LeastAlpha;
-        return m_losses.surface(dr::maximum(facets.alpha_u(), least),
-                                dr::maximum(facets.alpha_v(), least));
+        return m_missing_energy.surface(dr::maximum(facets.alpha_u(), least),
+                                        dr::maximum(facets.alpha_v(), least));
     }
 
     /// Is the facet `m` seen from its front side from both directions?
@@ -423,10 +425,10 @@ private:
                                                  const SurfaceInteraction3f &si, Float sample1,
                                                  const Point2f &sample2, Mask active) const {
         auto surface = loss_surface(facets);
-        Float lost   = m_losses.loss(surface, si.wi);
+        Float lost   = m_missing_energy.missing_energy(surface, si.wi);
         Mask again   = active && sample1 < lost;
         Vector3f wo  = dr::select(
-            again, m_losses.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
+            again, m_missing_energy.sample(surface, sample1 / dr::maximum(lost, 1e-30f), sample2),
             drawn.wo);
         Vector3f m        = dr::normalize(wo + si.wi);
         Mask seen         = (again || (active && drawn.valid)) && reflects(si.wi, wo, m);
@@ -488,19 +490,20 @@ private:
                                  const Vector3f &wo, const Mask &active, Spectrum &value,
                                  Float &pdf) const {
         auto surface = loss_surface(facets);
-        Float lost   = m_losses.loss(surface, si.wi);
+        Float lost   = m_missing_energy.missing_energy(surface, si.wi);
         if constexpr (Value) {
             dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
             UnpolarizedSpectrum result =
-                m_losses.tint(surface.average_loss, eta) *
-                (dr::InvPi<Float> * Frame3f::cos_theta(wo) * lost * m_losses.loss(surface, wo) /
-                 dr::maximum(surface.average_loss, 1e-30f));
+                m_missing_energy.tint(surface.average_missing_energy, eta) *
+                (dr::InvPi<Float> * Frame3f::cos_theta(wo) * lost *
+                 m_missing_energy.missing_energy(surface, wo) /
+                 dr::maximum(surface.average_missing_energy, 1e-30f));
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, active);
             value += depolarizer<Spectrum>(result) & active;
         }
         if constexpr (Pdf)
-            pdf = dr::select(active, dr::lerp(pdf, m_losses.pdf(surface, wo), lost), 0.f);
+            pdf = dr::select(active, dr::lerp(pdf, m_missing_energy.pdf(surface, wo), lost), 0.f);
     }
 
     /// Fresnel reflectance of the facet `m`; a Mueller matrix in the bases of the two directions if
@@ -527,15 +530,15 @@ private:
 private:
     ref<Texture> m_eta, m_k, m_specular_reflectance;
     FrozenChoice<Float> m_multiple_scattering;
-    /// Is the table of losses that of two roughnesses?
+    /// Is the table of missing energy that of two roughnesses?
     FrozenChoice<Float> m_pair;
     /// Is there a specular_reflectance?
     FrozenChoice<Float> m_colored;
     /// Empty unless light is scattered more than once
-    SgtdMultipleScattering<Float> m_losses;
+    SgtdMultipleScattering<Float> m_missing_energy;
 
     MI_TRAVERSE_CB(Base, m_multiple_scattering, m_pair, m_colored, m_eta, m_k,
-                   m_specular_reflectance, m_losses)
+                   m_specular_reflectance, m_missing_energy)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have

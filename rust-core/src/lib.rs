@@ -41,6 +41,7 @@
 
 pub mod batch;
 pub mod bridge;
+pub mod constants;
 pub mod error;
 pub mod family;
 pub mod masking;

@@ -51,7 +51,7 @@ def advise(material: Material, scalar: bool) -> list[str]:
     if material.on("multiple scattering") and smooth and max(smooth) * material.alpha_scale < _SMOOTH:
         found.append(
             f"at a roughness of {max(smooth):g} single scattering loses little: compare with multiple_scattering = false, "
-            "which needs no second lobe and no table of losses"
+            "which needs no second lobe and no table of missing energy"
         )
     return found
 

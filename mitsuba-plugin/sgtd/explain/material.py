@@ -50,7 +50,7 @@ class Tables:
 
 
 @dataclass(frozen=True)
-class Losses:
+class MissingEnergy:
     """The table of what single scattering loses."""
 
     bytes: int
@@ -78,7 +78,7 @@ class Material:
     effects: tuple[Effect, ...]
     accuracy_asked: float
     tables: Tables | None
-    losses: Losses | None
+    missing_energy: MissingEnergy | None
     textured: bool
     anisotropic: bool
 
@@ -151,7 +151,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
         effects=_effects(shape, values, visible, anisotropic, textured, tables),
         accuracy_asked=accuracy,
         tables=tables,
-        losses=_losses(reduced, accuracy, scale * node_scale, values, objects, builtin),
+        missing_energy=_missing_energy(reduced, accuracy, scale * node_scale, values, objects, builtin),
         textured=textured,
         anisotropic=anisotropic,
     )
@@ -179,9 +179,9 @@ def _tables(shape: Shape, accuracy: float, visible: bool) -> Tables:
     return Tables(tables.bytes, sorted(seconds)[_BUILDS // 2], tables.accuracy_reached, tables.steepness)
 
 
-def _losses(
+def _missing_energy(
     shape: Shape, accuracy: float, scale: float, values: Mapping[str, Any], objects: frozenset[str], builtin: str
-) -> Losses | None:
+) -> MissingEnergy | None:
     """As the plugin makes it: for one pair of roughnesses, or for every isotropic one."""
     if not values.get("multiple_scattering", False):
         return None
@@ -189,7 +189,7 @@ def _losses(
     pair = [max(float(values.get(key, DEFAULTS["alpha"])) * scale, _core.least_alpha) for key in ("alpha_u", "alpha_v")
             if key in values and key not in objects]  # fmt: skip
     correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
-    return Losses(*(ndf.losses(correlated, *pair) if len(pair) == 2 else ndf.losses(correlated)))
+    return MissingEnergy(*(ndf.missing_energy(correlated, *pair) if len(pair) == 2 else ndf.missing_energy(correlated)))
 
 
 def _asked_of_core(accuracy: float) -> float:

@@ -159,8 +159,8 @@ def _material(entry: Explained) -> dict[str, Any]:
         "build_seconds": material.tables.build_seconds if material.tables else 0.0,
         "accuracy_asked": material.accuracy_asked,
         "accuracy_reached": material.tables.accuracy_reached if material.tables else None,
-        "loss_table_bytes": material.losses.bytes if material.losses else 0,
-        "loss_error": material.losses.error if material.losses else None,
+        "missing_energy_table_bytes": material.missing_energy.bytes if material.missing_energy else 0,
+        "missing_energy_error": material.missing_energy.error if material.missing_energy else None,
         "shares_tables_with": list(entry.shares_tables_with),
         "costs": [asdict(cost) for cost in entry.costs],
         "advice": list(entry.advice),
@@ -266,8 +266,10 @@ def _lines(entry: Explained) -> list[tuple[str, str]]:
         ]
     else:
         lines.append(("tables", "none: nothing to build"))
-    if material.losses:
-        lines.append(("losses", f"{material.losses.bytes} bytes, error of E {material.losses.error:.2g}"))
+    if material.missing_energy:
+        lines.append(
+            ("missing energy", f"{material.missing_energy.bytes} bytes, error of E {material.missing_energy.error:.2g}")
+        )
     if entry.costs:
         lines.append(("by itself", "\n".join(cost.words() for cost in entry.costs)))
     lines.append(("cheaper", "\n".join(entry.advice) or "nothing"))

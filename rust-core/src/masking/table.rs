@@ -6,6 +6,8 @@
 //! argument is out of range. Cells are the cubic polynomials that match H and H′ = −S at both ends, written in the distance
 //! from the left end. All octaves below the first share one cell that begins at 0, those above the last one a constant.
 
+// all exponents of a float, so that none needs a check
+pub use crate::constants::MASKING_ENTRIES as ENTRIES;
 use crate::masking::MaskingIntegral;
 use crate::numerics::{greatest, hermite};
 use crate::profile::{Masking, Profile};
@@ -35,8 +37,6 @@ impl Octave {
     }
 }
 
-/// Entries: all exponents of a float, so that none needs a check.
-pub const ENTRIES: usize = 256;
 /// Shift of octaves that are not divided: it takes the exponent away too, so that their cells count from 0.
 const WHOLE: u32 = 31;
 /// Mantissa bits of f32.

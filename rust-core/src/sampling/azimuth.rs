@@ -9,6 +9,7 @@
 //! Where only slopes count that reflect the view above the horizon ([`Horizon`]), φ ends at φ₂ = acos κ, which is never beyond φ₁, and h is the
 //! same with `d = c + b κ`, `a = −b κ`, `e = b sin φ₂`. Its derivative d at the far end is then never below c/2.
 
+use crate::constants::{AZIMUTH_FITS, AZIMUTH_FLAT_FIT, AZIMUTH_STEEP, AZIMUTH_STEEP_FIT};
 use crate::sampling::bounded::Horizon;
 use std::f64::consts::PI;
 
@@ -103,9 +104,6 @@ impl Azimuth {
     /// The limits d ψ, e ψ²/2 and a ψ³/6 of h, added as cubes, are off by up to 18 %. What is missing depends on the share v that the first
     /// two have (one of d and e is 0), and towards ψ = π on ψ²: minimax fits over both.
     fn start(&self, share: f64) -> f64 {
-        /// For b ≤ c and b > c: a table, because which of the two it is cannot be predicted.
-        const FITS: [[f64; 6]; 2] =
-            [[-0.5565, 0.6426, -1.3483, 0.0237, -0.0115, -0.0108], [-0.0062, -0.3535, -0.0915, 0.0235, 0.0006, 0.0247]];
         // half to 1e-3 does for the start, which need not wait for the library's arc tangent
         let e2 = self.e * self.e;
         let rough = self.e * e2.mul_add(e2.mul_add(0.079331, -0.288679), 0.995354);
@@ -115,7 +113,8 @@ impl Azimuth {
             (self.d * self.d).mul_add(self.d, (root * root).mul_add(root, self.a * target * target * (1.0 / 6.0)));
         let inverse_root = rough_inverse_cbrt(cube.max(f64::MIN_POSITIVE));
         let (v, psi) = ((self.d + root) * inverse_root, target * inverse_root);
-        let [c0, c1, c2, c3, c4, c5] = FITS[usize::from(self.e > 0.0)];
+        // a table, because which of the two it is cannot be predicted
+        let [c0, c1, c2, c3, c4, c5] = AZIMUTH_FITS[usize::from(self.e > 0.0)];
         let by_share = (v * (1.0 - v)).mul_add(v.mul_add(v.mul_add(c2, c1), c0), 1.0);
         let by_angle = (psi * psi).mul_add(v.mul_add(v.mul_add(c5, c4), c3), 1.0);
         psi * by_share * by_angle
@@ -127,11 +126,12 @@ impl Azimuth {
     /// these values and slopes (Gregory & Delbourgo 1982), which has a closed-form inverse; q is fitted to the share b of c + b.
     fn start_bounded(&self, share: f64) -> f64 {
         let c = self.c;
-        // beyond a third, φ₂ is below π at every ρ
-        let q = if c > 2.0 / 3.0 {
-            (1.0 - c).mul_add((1.0 - c).mul_add(1.2201, 0.0958), 0.0389)
+        let q = if c > AZIMUTH_STEEP {
+            let [q0, q1, q2] = AZIMUTH_STEEP_FIT;
+            (1.0 - c).mul_add((1.0 - c).mul_add(q2, q1), q0)
         } else {
-            c.mul_add(-0.2256, 0.0822)
+            let [q0, q1] = AZIMUTH_FLAT_FIT;
+            c.mul_add(q1, q0)
         };
         let spread = (q * self.limit).mul_add(self.limit, 1.0);
         let root = spread.sqrt();

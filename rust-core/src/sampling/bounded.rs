@@ -15,11 +15,8 @@
 //! Up to that both limits are exact, so the density of what is drawn is that of visible normals divided by the share that is left. Smith's visible normals draw
 //! 30 to 70 % of all reflections of heavy tails below the horizon.
 
+pub use crate::constants::HORIZON_MARGIN as MARGIN;
 use glam::DVec3;
-
-/// By how much the disc of the azimuths is enlarged. A smaller disc makes densities of single precision uncertain (1e-7 divided by this), a
-/// larger one draws in vain (about this share).
-pub const MARGIN: f64 = 1.0 / 512.0;
 
 /// The limits of one view.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -19,12 +19,8 @@ use crate::profile::{Coordinate, Profile, Tail};
 use crate::sampling::coordinate;
 use std::f64::consts::PI;
 
-/// Number of cells in y.
-pub const CELLS: usize = 64;
-/// Number of rows in a/(a + b).
-pub const VIEW_ROWS: usize = 15;
-/// Values that are compared at a time: every eighth knot selects a block of eight.
-pub const BLOCK: usize = 8;
+pub use crate::constants::{BLOCK, CELLS, LEAST_SHARE, VIEW_ROWS};
+
 /// Length of a list of knots or masses with every eighth in front.
 pub const LIST_SIZE: usize = BLOCK + CELLS;
 /// Length of a list, and of a pair of numbers for each cell: what the knots and every row take in the flat table.
@@ -32,10 +28,6 @@ pub const ROW_SIZE: usize = LIST_SIZE + 2 * CELLS;
 /// Stretched slopes beyond this are not drawn: their reflection is below the horizon for every view that is farther than
 /// 1e-8 from grazing (roughness 1e-4), and ρ⁴ still fits into single precision.
 const SLOPE_CAP: f64 = 1e9;
-
-/// Masses are counted from above in single precision, so that a share below this would be made of few numbers: a ring that lies beyond the horizon
-/// as a whole.
-pub const LEAST_SHARE: f64 = 1.0 / 256.0;
 
 /// Gauss points per piece: masses need no more than single precision.
 const POINTS: usize = 12;

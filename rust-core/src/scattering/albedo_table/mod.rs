@@ -21,6 +21,7 @@ mod isotropic;
 mod pair;
 mod refine;
 
+pub use crate::constants::{AVERAGE, LEAST_ALPHA, PACKET};
 pub use coordinates::Coordinates;
 
 use crate::ndf::Roughness;
@@ -29,17 +30,10 @@ use crate::scattering::albedo::Incidence;
 use glam::DVec3;
 use std::f64::consts::LN_2;
 
-/// Nodes of the isotropic average.
-pub const AVERAGE: usize = 512;
-/// Numbers at every node of a grid.
-pub const PACKET: usize = 4;
-
-/// The least roughness of a material.
-pub const LEAST_ALPHA: f64 = 1e-4;
 /// The greatest roughness of a table: beyond, the missing energy stays what it is there, where most of the energy is lost.
 pub const GREATEST_ALPHA: f64 = 8.0;
 
-/// Losses of one shape.
+/// The missing energy of one shape.
 #[derive(Debug, Clone)]
 pub struct AlbedoTable {
     flat: Vec<f32>,
