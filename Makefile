@@ -27,10 +27,10 @@ test: rust-test python-test
 	@echo "All checks passed."
 
 rust-test: tools
-	cargo fmt --check
-	cargo clippy --locked --all-targets --quiet -- -D warnings
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --quiet
-	cargo test --locked --release
+	cargo test --locked --profile checked
 
 python-test: lint
 	$(BIN)/python -m pytest tests $(WORKERS)
@@ -42,12 +42,12 @@ lint: $(VENV)/test-tools
 	cd mitsuba-plugin && $(CURDIR)/$(BIN)/mypy
 
 quick: tools lint
-	cargo fmt --check
-	cargo test --locked --release --quiet --test laws --test tree --test validation
+	cargo fmt --all --check
+	cargo test --locked --profile checked --quiet --test laws --test tree --test validation
 	$(BIN)/python -m pytest tests --quick --quiet $(WORKERS)
 
 bench: $(VENV)/installed
-	cargo bench --locked --bench ratios
+	cargo bench --locked --package sgtd-benches --bench ratios
 	$(BIN)/python benches/render.py
 	$(BIN)/python benches/equal_time.py
 	$(BIN)/python benches/effects.py
@@ -59,7 +59,7 @@ report: $(VENV)/installed
 	$(BIN)/sgtd accuracy -o out/accuracy
 
 format: $(VENV)/test-tools
-	cargo fmt
+	cargo fmt --all
 	$(BIN)/ruff format mitsuba-plugin tests benches
 	$(BIN)/clang-format -i mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 

@@ -1,6 +1,6 @@
 //! Time per call of every public function that renderers or fits call often, with criterion's statistics.
 //!
-//! `cargo bench --bench functions`; ratios against peers are in `ratios`.
+//! `cargo bench -p sgtd-benches --bench functions`; ratios against peers are in `ratios`.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DVec3;

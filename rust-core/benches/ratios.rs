@@ -1,6 +1,6 @@
 //! Core functions against a peer, as ratios of medians from interleaved repetitions in one run.
 //!
-//! `cargo bench --bench ratios`; the targets stand in the README.
+//! `cargo bench -p sgtd-benches --bench ratios`; the targets stand in the README.
 
 use glam::DVec3;
 use sgtd_core::family::shape::Shape;
