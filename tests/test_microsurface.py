@@ -237,3 +237,39 @@ def test_paths_are_replaced_whole_or_not_at_all(student, tmp_path):
         student.save(tmp_path / "S.npy", tmp_path / "S.stl")
     assert not list(Path(tmp_path).iterdir())
     assert dataclasses.replace(student, info={}).ndf is None
+
+
+def run(*arguments: object) -> str:
+    """Of the command line, in this process."""
+    from click.testing import CliRunner
+    from sgtd.cli.entry import cli
+
+    done = CliRunner().invoke(cli, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_command_surface_and_command_ndf(tmp_path):
+    shape = ("--shape", "student:gamma=1.7", "--alpha", "0.4", "0.1")
+    files = ("-o", tmp_path / "S.npy", "-o", tmp_path / "S.gsf", "--normals", tmp_path / "N.exr")
+    said = run("surface", *shape, "-n", 64, "--correlation", 4, "--seed", 3, "--tolerance", 5e-3, *files)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"S.npy", "S.gsf", "S.json", "S-picture.png", "N.exr"}
+    sidecar = json.loads((tmp_path / "S.json").read_text())
+    assert sidecar["seed"] == 3 and sidecar["correlation"] == 4 and sidecar["spacing"] == [1, 4]
+    assert f"KS {sidecar['reached']['ks']:.2g}" in said
+    surface = Surface.load(tmp_path / "S.npy")
+    # texels of the map of normals are facets
+    n = 2 * np.array(mi.Bitmap(str(tmp_path / "N.exr"))) - 1
+    assert ks_distance((-n[..., :2] / n[..., 2:]).reshape(-1, 2), surface.slopes()) < 3e-3
+    run("ndf", tmp_path / "S.gsf", "-o", tmp_path / "ndf")
+    found = json.loads((tmp_path / "ndf" / "ndf.json").read_text())
+    assert found["facets"] == 2 * 64 * 64 and found["alpha_u"] / found["alpha_v"] == pytest.approx(4, rel=0.05)
+    table = np.genfromtxt(tmp_path / "ndf" / "ndf.csv", delimiter=",", names=True)
+    assert table["share"].sum() == pytest.approx(1)
+    # the profile, up to its scale
+    ndf = surface.ndf
+    scale = np.linalg.norm(surface.slopes() / (0.4, 0.1), axis=1).mean()
+    body = (table["slope"] * scale < ndf.quantile(0.8)) & (np.arange(len(table)) > 2)
+    expected = ndf.normalization / np.pi * ndf.profile(table["slope"] * scale) * scale**2
+    assert np.median(np.abs(table["density"] / expected - 1)[body]) < 0.1

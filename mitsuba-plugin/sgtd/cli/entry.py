@@ -11,7 +11,9 @@ from .accuracy import accuracy_command
 from .compare import compare_command
 from .doctor import doctor_command
 from .explain import explain_command
+from .ndf import ndf_command
 from .render import render_command
+from .surface import surface_command
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -48,7 +50,15 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (render_command, compare_command, accuracy_command, explain_command, doctor_command):
+for command in (
+    render_command,
+    compare_command,
+    accuracy_command,
+    explain_command,
+    surface_command,
+    ndf_command,
+    doctor_command,
+):
     cli.add_command(command)
 
 

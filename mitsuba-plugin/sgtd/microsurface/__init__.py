@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from .distribution import SlopeDistribution, distribution
 from .generate import generate
 from .surface import Surface, ks_distance, read_heights
 
-__all__ = ["Surface", "generate", "ks_distance", "read_heights"]
+__all__ = ["SlopeDistribution", "Surface", "distribution", "generate", "ks_distance", "read_heights"]

@@ -82,6 +82,20 @@ class Surface:
         slopes = cells / np.asarray(self.spacing)
         return np.ascontiguousarray(slopes[np.isfinite(slopes).all(axis=1)])
 
+    def lag_correlation(self) -> float:
+        """Correlation of slopes along x between cells that are neighbors along x, from ranks: heavy tails have no variance."""
+        from scipy.stats import rankdata
+
+        slopes = np.diff(self.heights, axis=1)
+        known = np.isfinite(slopes)
+        ranks = np.full(slopes.shape, np.nan)
+        ranks[known] = rankdata(slopes[known])
+        left, right = ranks[:, :-1], ranks[:, 1:]
+        both = np.isfinite(left) & np.isfinite(right)
+        if not both.any() or not np.ptp(ranks[known]):
+            return 0.0
+        return float(np.corrcoef(left[both], right[both])[0, 1])
+
     def normals(self) -> Array:
         """Normals (ny, 2 nx, 3) of all facets of a periodic surface: lower and upper of each cell side by side."""
         ny, nx = self.heights.shape
