@@ -153,6 +153,11 @@ class Goniometer:
 
     def __init__(self, wi: Sequence[float], material: str, eta: Sequence[float], k: Sequence[float], orders: int, polar: int, azimuths: int, cosines: int, walks: int, seed: int) -> None: ...
 
+    def reflectance(self, cosines: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """
+        What a facet reflects of light from outside at each cosine, three colors in a row.
+        """
+
 def measure_model(ndf: Ndf, alpha_u: float, alpha_v: float, goniometer: Goniometer, watch: Watch) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
     """
     Walks on Smith's model of a surface; the numbers are those of Microsurface.measure.

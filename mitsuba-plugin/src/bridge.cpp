@@ -318,6 +318,10 @@ size_t Goniometer::numbers() const {
     return checked([&] { return sgtd::count_numbers(to_core(*this)); });
 }
 
+void Goniometer::reflectance(Slice<const double> incident, Slice<double> out) const {
+    checked([&] { sgtd::facet_reflectance(to_core(*this), to_core(incident), to_core(out)); });
+}
+
 SlopeAgreement Ndf::slope_agreement(double alpha_u, double alpha_v, In slopes) const {
     return checked([&] {
         auto found = sgtd::slope_agreement(*m_impl->core, alpha_u, alpha_v, to_core(slopes));

@@ -185,6 +185,9 @@ struct Goniometer {
     /// How many numbers it has to say: walks, lost, sums of bounces and of their squares; first
     /// facets by cosine; energies by (hemisphere, order, polar, azimuth, color); their squares.
     size_t numbers() const;
+
+    /// What a facet reflects of light from outside at each of the cosines, three colors in a row.
+    void reflectance(Slice<const double> incident, Slice<double> out) const;
 };
 
 /// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).

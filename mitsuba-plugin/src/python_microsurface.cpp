@@ -65,7 +65,16 @@ void add_microsurface(nb::module_ &m) {
                     Goniometer{ wi, kind, eta, k, orders, polar, azimuths, cosines, walks, seed };
             },
             "wi"_a, "material"_a, "eta"_a, "k"_a, "orders"_a, "polar"_a, "azimuths"_a, "cosines"_a,
-            "walks"_a, "seed"_a);
+            "walks"_a, "seed"_a)
+        .def(
+            "reflectance",
+            [](const Goniometer &goniometer, const Array &cosines) {
+                Output result(3 * cosines.size());
+                goniometer.reflectance(in(cosines), result.out());
+                return result.release();
+            },
+            "cosines"_a,
+            "What a facet reflects of light from outside at each cosine, three colors in a row.");
     m.def(
         "measure_model",
         [](const Ndf &ndf, double alpha_u, double alpha_v, const Goniometer &goniometer,

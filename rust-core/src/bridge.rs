@@ -227,6 +227,7 @@ mod ffi {
         fn measure(self: &Microsurface, goniometer: &Goniometer, watch: &Watch, out: &mut [f64]) -> Result<()>;
 
         fn slope_agreement(ndf: &Ndf, alpha_u: f64, alpha_v: f64, slopes: &[f64]) -> Result<SlopeAgreement>;
+        fn facet_reflectance(goniometer: &Goniometer, cosines: &[f64], out: &mut [f64]) -> Result<()>;
         fn count_numbers(goniometer: &Goniometer) -> Result<usize>;
         fn measure_model(
             ndf: &Ndf,
@@ -246,7 +247,8 @@ use ffi::{
 
 mod microsurface;
 use microsurface::{
-    Microsurface, Watch, count_numbers, generate_surface, measure_model, new_watch, slope_agreement, surface_of_heights,
+    Microsurface, Watch, count_numbers, facet_reflectance, generate_surface, measure_model, new_watch, slope_agreement,
+    surface_of_heights,
 };
 
 /// The opaque object that C++ holds.

@@ -156,6 +156,22 @@ impl Goniometer {
     }
 }
 
+/// What facets reflect of light from outside at each of the cosines, three colors in a row.
+pub(super) fn facet_reflectance(
+    goniometer: &Goniometer,
+    cosines: &[f64],
+    out: &mut [f64],
+) -> Result<(), ParameterError> {
+    if out.len() != 3 * cosines.len() {
+        return Err(ParameterError::Length { name: "reflectances", found: out.len(), expected: 3 * cosines.len() });
+    }
+    let material = goniometer.setup()?.material;
+    for (out, &cosine) in out.chunks_exact_mut(3).zip(cosines) {
+        out.copy_from_slice(&material.reflectance(cosine).to_array());
+    }
+    Ok(())
+}
+
 /// How many numbers a goniometer has to say.
 pub(super) fn count_numbers(setup: &Goniometer) -> Result<usize, ParameterError> {
     let setup = setup.setup()?;

@@ -43,10 +43,7 @@ impl Material {
         let reflected = (direction + 2.0 * cosine * facing).normalize();
         match *self {
             Self::Mirror => Scattered { direction: reflected, weight: DVec3::ONE, side },
-            Self::Conductor { eta, k } => {
-                let weight = DVec3::from_array(std::array::from_fn(|c| conductor(cosine, eta[c], k[c])));
-                Scattered { direction: reflected, weight, side }
-            }
+            Self::Conductor { .. } => Scattered { direction: reflected, weight: self.reflectance(cosine), side },
             Self::Dielectric { eta } => {
                 let eta = if side == Side::Above { eta } else { 1.0 / eta };
                 let (reflectance, refracted) = dielectric(cosine, eta);
@@ -57,6 +54,19 @@ impl Material {
                 let direction = (along / eta - refracted * facing).normalize();
                 Scattered { direction, weight: DVec3::ONE, side: side.other() }
             }
+        }
+    }
+}
+
+impl Material {
+    /// What of light that arrives from outside at this cosine is reflected, per color.
+    pub fn reflectance(&self, cosine: f64) -> DVec3 {
+        match *self {
+            Self::Mirror => DVec3::ONE,
+            Self::Conductor { eta, k } => {
+                DVec3::from_array(std::array::from_fn(|c| conductor(cosine.clamp(0.0, 1.0), eta[c], k[c])))
+            }
+            Self::Dielectric { eta } => DVec3::splat(dielectric(cosine.clamp(0.0, 1.0), eta).0),
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! It measures surfaces, and Smith's model of them by its random walk: what the two differ in is what the model leaves out.
 
-use super::facet::{Material, conductor};
+use super::facet::Material;
 use super::generate::unit;
 use super::trace::{End, Side, Tracer};
 use crate::scattering::random_walk::RandomWalk;
@@ -92,8 +92,8 @@ impl Setup {
                     counts.first[self.cosine_bin(cosine)] += 1;
                     first = false;
                 }
-                if let Material::Conductor { eta, k } = self.material {
-                    weight *= DVec3::from_array(std::array::from_fn(|c| conductor(cosine.min(1.0), eta[c], k[c])));
+                if !matches!(self.material, Material::Dielectric { .. }) {
+                    weight *= self.material.reflectance(cosine);
                 }
             });
             match exit {

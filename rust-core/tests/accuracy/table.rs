@@ -208,6 +208,7 @@ pub const TABLE: &[Row] = &[
     total("microsurface::agreement::Agreement::of", "slopes_have_the_distribution_that_was_asked_for"),
     total("microsurface::agreement::Agreement::of_slopes", "slopes_have_the_distribution_that_was_asked_for"),
     total("microsurface::facet::Material::scatter", "every_walk_ends"),
+    total("microsurface::facet::Material::reflectance", "metals_absorb"),
     total("microsurface::facet::conductor", "metals_absorb"),
     total("microsurface::facet::dielectric", "glass_reflects_or_transmits"),
     total("microsurface::generate::generate", "slopes_have_the_distribution_that_was_asked_for"),
