@@ -17,8 +17,8 @@ from sgtd import cli
 from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published, tables
 from sgtd.accuracy.function_timing import Timing
 from sgtd.accuracy.images import ImageRow
-from sgtd.accuracy.shapes import make_shape, parse_shape
 from sgtd.errors import UserError
+from sgtd.named_shape import make_shape, parse_shape
 
 pytestmark = pytest.mark.slow  # whole reports, if small ones
 

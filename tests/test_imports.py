@@ -13,10 +13,10 @@ PACKAGE = Path(sgtd.__file__).parent
 
 # Ground floor first; a room imports from its own and from those before it.
 FLOORS = (
-    ("_core", "errors", "interleaved_timing"),
+    ("_core", "errors", "interleaved_timing", "page"),
     ("atomic_output", "ndf"),
     ("scene",),
-    ("compare",),
+    ("compare", "named_shape"),
     ("explain", "accuracy", "doctor"),
     ("microsurface",),
     ("cli",),

@@ -4,7 +4,6 @@ The dial ``accuracy`` is swept from 1e-1 to 1e-10 and 0 (quadrature or a closed 
 measured twice: for the functions over arrays, and for images. How each number comes about is in ``docs/accuracy.md``.
 
 =================  =============================================================================
-``shapes``         the shapes to measure, from ``--shape student:gamma=1.6``
 ``inputs``         random and hard arguments
 ``published``      formulas of other authors, the comparison lines
 ``function_errors`` errors of masking, D and sampling against quadrature
@@ -15,7 +14,7 @@ measured twice: for the functions over arrays, and for images. How each number c
 ``advice``         which setting suffices, in numbers and in words
 ``study``          runs all of it
 ``tables``         the numbers as JSON, CSV and on the terminal; ``findings`` what they say in words
-``plots``          the figures, from ``plot_functions`` and ``plot_images``; ``plot_style`` is what they share
+``plots``          the figures, from ``plot_functions`` and ``plot_images``
 ``page``           ``report.html``; ``files`` the whole command
 =================  =============================================================================
 """

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..named_shape import NamedShape
 from . import published
 from .inputs import directions, normals
-from .shapes import NamedShape
 
 # Below this Lambda its own relative error is not counted: G1 is within 1 % of 1 there.
 LAMBDA_FLOOR = 0.01

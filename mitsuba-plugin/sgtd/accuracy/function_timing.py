@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import UserError
+from ..named_shape import parse_shape
 from . import published
 from .inputs import uniform
-from .shapes import parse_shape
 
 _ALPHA = 0.3
 

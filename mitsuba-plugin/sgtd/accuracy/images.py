@@ -25,11 +25,11 @@ import numpy as np
 
 from ..compare.difference import exposure_for, flip, luminance, to_display
 from ..errors import mitsuba_errors
+from ..named_shape import NamedShape
 from ..scene.render import sensor_of, to_rgb
 from . import DEFAULT_SETTING
 from .function_timing import Timing
 from .scenes import SceneFile
-from .shapes import NamedShape
 
 # Seeds of the renders at equal time, apart from those of the batches.
 _EQUAL_TIME_SEED = 10_000

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .shapes import NamedShape
+from ..named_shape import NamedShape
 
 # Roughness along the tangents for random directions: common, brushed, nearly smooth.
 _RANDOM_ALPHAS = ((0.3, 0.3), (0.6, 0.06), (0.02, 0.02))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import base64
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..compare.difference import to_display
+from ..page.plot_style import Plot, picture_png
+from ..page.template import data, load_template, number, scientific
 from . import DEFAULT_SETTING, advice, findings, setting_text
 from .function_errors import Spread
 from .function_timing import Timing
 from .images import ImageRow, ImageStudy
-from .plot_style import Plot, picture_png
 from .study import FunctionStudy, Study
 
 _TEMPLATE = "report.html.j2"
@@ -25,17 +24,16 @@ _MAGNIFIED = 100
 
 def render(study: Study, main: list[Plot], functions: list[Plot], pictures: list[list[Plot]]) -> str:
     """The page as text."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    loader = FileSystemLoader(str(Path(__file__).parent))
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters.update(
-        error=_error, timing=_timing, number=_number, setting=setting_text, svg=_svg, share=_share, bias=_bias
+    template = load_template(
+        Path(__file__).with_name(_TEMPLATE),
+        error=_error,
+        timing=_timing,
+        setting=setting_text,
+        share=_share,
+        bias=_bias,
     )
     shapes = {one.shape.text: one.shape.title for one in study.functions}
-    return environment.get_template(_TEMPLATE).render(
+    return template.render(
         study=study,
         main=main,
         functions=[(one, plot, _function_table(study, one)) for one, plot in zip(study.functions, functions)],
@@ -83,50 +81,25 @@ def _thumbnails(images: ImageStudy) -> tuple[str, str]:
     shown = to_display(images.reference, images.exposure)
     other = to_display(images.coarsest, images.exposure)
     difference = 0.5 + 0.5 * np.clip(_MAGNIFIED * (other - shown), -1.0, 1.0)
-    return _data("png", picture_png(shown)), _data("png", picture_png(difference))
-
-
-def _svg(plot: Plot) -> str:
-    return _data("svg+xml", plot.svg)
-
-
-def _data(kind: str, content: bytes) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+    return data("png", picture_png(shown)), data("png", picture_png(difference))
 
 
 def _error(value: float | Spread | None) -> str:
-    if isinstance(value, Spread):
-        value = value.largest
-    if value is None or math.isnan(value):
-        return "–"
-    if value == 0.0:
-        return "0"
-    if math.isinf(value):
-        return "∞"
-    mantissa, exponent = f"{value:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    return scientific(value.largest if isinstance(value, Spread) else value)
 
 
 def _timing(value: Timing | None, factor: float = 1.0, digits: int = 3) -> str:
     """ "7.6 (7.5–7.7)": the median and the quartiles."""
     if value is None:
         return "–"
-    median, low, high = (_number(factor * x, digits) for x in (value.median, value.low, value.high))
+    median, low, high = (number(factor * x, digits) for x in (value.median, value.low, value.high))
     return f"{median} ({low}–{high})"
-
-
-def _number(value: float | None, digits: int = 3) -> str:
-    if value is None or math.isnan(value):
-        return "–"
-    if value and not 1e-3 <= abs(value) < 1e5:
-        return _error(value)
-    return f"{value:.{digits}g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
 def _bias(row: ImageRow) -> str:
     """The bias where the renders can tell it from zero, else a bound."""
     bound = 2.0 * row.floor
-    return _error(row.bias) if row.bias >= bound else f"< {_error(bound)}"
+    return scientific(row.bias) if row.bias >= bound else f"< {scientific(bound)}"
 
 
 def _share(value: float) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ..page.plot_style import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, wrapped
 from . import setting_text
 from .function_errors import Spread
 from .function_timing import Timing
-from .plot_style import BLUE, FAINT, GREEN, INK, SMALL, VERMILION, Plot, finish, label, new_figure, style, wrapped
 from .study import FunctionStudy, Study
 
 # Errors at or below this are drawn at this: what double precision can tell.

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from . import DEFAULT_SETTING, advice
-from .images import ImageStudy
-from .plot_style import (
+from ..page.plot_style import (
     BLUE,
     GREEN,
     INK,
@@ -24,6 +22,8 @@ from .plot_style import (
     upright,
     wrapped,
 )
+from . import DEFAULT_SETTING, advice
+from .images import ImageStudy
 from .study import Study
 
 # Errors of images below this are not drawn: rounding of the arithmetic.

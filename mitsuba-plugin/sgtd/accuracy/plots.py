@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ..page.plot_style import INK, Plot, finish, new_figure
 from .plot_functions import draw_functions, functions_panel
 from .plot_images import bias_panel, draw_images
-from .plot_style import INK, Plot, finish, new_figure
 from .study import Study
 
 

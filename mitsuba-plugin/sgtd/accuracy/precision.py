@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import mitsuba_errors
+from ..named_shape import NamedShape
 from .function_errors import DENSITY_FLOOR, Collector, Spread
 from .inputs import uniform
-from .shapes import NamedShape
 
 _ALPHA = 0.3
 # Calls one by one from Python are slow: so many suffice for a scalar variant.

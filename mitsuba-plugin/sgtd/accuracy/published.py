@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from .shapes import NamedShape
+from ..named_shape import NamedShape
 
 Function = Callable[[np.ndarray], np.ndarray]
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from .. import PLUGIN_DIR
 from ..errors import UserError, mitsuba_errors
+from ..named_shape import NamedShape, make_shape
 from ..scene.exchange import PARTNERS, exchange
 from ..scene.graph import SceneGraph, read_scene
-from .shapes import NamedShape, make_shape
 
 # The scenes of the default report: highlights from a distance, and a floor seen along its length.
 DEFAULT_SCENES = ("spheres.xml", "grazing.xml")

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..named_shape import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, NamedShape, parse_shape
 from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, function_timing, images, published, scenes
 from .function_errors import (
     MaskingErrors,
@@ -25,7 +26,6 @@ from .function_errors import (
     table_way,
 )
 from .precision import PrecisionErrors, material_errors
-from .shapes import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, NamedShape, parse_shape
 
 # Gets the name of a step and its length, and returns the call that advances it.
 Steps = Callable[[str, int], Callable[[int], None]]

@@ -69,12 +69,12 @@ def surface_command(
       sgtd surface --shape ggx --alpha 0.4 0.1 -n 1024 --tolerance 3e-4 -o out/brushed.ply -o out/brushed.exr
       sgtd surface --shape gnd:shift=5,p=1 --alpha 0.1 --correlation 16 -o out/ring.gsf
     """
-    from ..accuracy.shapes import parse_shape
     from ..atomic_output import AtomicOutput
     from ..errors import UserError
     from ..microsurface import files, generate
     from ..microsurface.images import write_normals
     from ..microsurface.pictures import draw_surface
+    from ..named_shape import parse_shape
 
     named = parse_shape(shape)
     files.check_endings(list(outputs))

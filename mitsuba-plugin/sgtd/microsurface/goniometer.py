@@ -52,8 +52,8 @@ class Material:
 
         with rgb_variant(), mitsuba_errors(f'material "{material}"'):
             indices = mi.traverse(mi.load_dict({"type": "roughconductor", "material": material}))
-            eta, k = (tuple(float(x) for x in np.array(indices[f"{name}.value"]).ravel()) for name in ("eta", "k"))
-        return Material(str(material), "conductor", eta, k)
+            eta, k = (np.array(indices[f"{name}.value"], dtype=float).ravel() for name in ("eta", "k"))
+        return Material(str(material), "conductor", (eta[0], eta[1], eta[2]), (k[0], k[1], k[2]))
 
 
 @contextlib.contextmanager

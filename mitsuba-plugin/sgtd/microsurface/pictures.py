@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..accuracy.plot_style import BLUE, FAINT, INK, VERMILION, Plot, finish, new_figure, style
 from ..ndf import Ndf
+from ..page.plot_style import BLUE, FAINT, INK, VERMILION, Plot, finish, new_figure, style
 from .distribution import SlopeDistribution, distribution
 from .surface import Surface
 

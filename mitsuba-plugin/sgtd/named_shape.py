@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from .. import _core
-from .._core import Shape
-from ..errors import UserError
-from ..ndf import Ndf
-from ..scene.exchange import parse_settings
-from .plot_style import file_part
+from . import _core
+from ._core import Shape
+from .errors import UserError
+from .ndf import Ndf
+from .page.plot_style import file_part
+from .scene.exchange import parse_settings
 
 _PARAMETERS = ("gamma", "p", "lambda", "shift")
 
