@@ -11,6 +11,7 @@ from .accuracy import accuracy_command
 from .compare import compare_command
 from .doctor import doctor_command
 from .explain import explain_command
+from .gonio import gonio_command
 from .ndf import ndf_command
 from .render import render_command
 from .surface import surface_command
@@ -56,6 +57,7 @@ for command in (
     accuracy_command,
     explain_command,
     surface_command,
+    gonio_command,
     ndf_command,
     doctor_command,
 ):
