@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 
@@ -214,3 +215,19 @@ def test_arguments_out_of_range(ggx):
     ):
         with pytest.raises(UserError, match=said):
             wrong()
+
+
+def test_command_study(tmp_path):
+    few = ("-n", 32, "--correlation", 4, "--tolerance", 0.02, "--walks", 5000, "--theta", 60, "--workers", 1)
+    arguments = ("study", "--shape", "ggx", "--alpha", 0.3, 0.6, "--seeds", 2, *few, "-o", tmp_path)
+    said = run(*arguments)
+    assert len(list((tmp_path / "surfaces").glob("*.npy"))) == 2  # one for both roughnesses
+    lines = (tmp_path / "study.jsonl").read_text().splitlines()
+    assert len(lines) == 4 and "means over seeds" in said
+    assert run(*arguments) == said and len((tmp_path / "study.jsonl").read_text().splitlines()) == 4
+    results = [json.loads(line)["result"]["effects"] for line in lines if json.loads(line)["arguments"]["alpha"] == 0.6]
+    mean = [next(e for e in effects if e["effect"] == "mean masking")["surface"] for effects in results]
+    with (tmp_path / "summary.csv").open() as file:
+        row = next(r for r in csv.DictReader(file) if r["alpha"] == "0.6" and r["effect"] == "mean masking")
+    assert float(row["surface"]) == pytest.approx(np.mean(mean), rel=1e-7)
+    assert float(row["spread"]) == pytest.approx(np.std(mean, ddof=1) / math.sqrt(2), rel=1e-3)

@@ -14,7 +14,7 @@ PACKAGE = Path(sgtd.__file__).parent
 # Ground floor first; a room imports from its own and from those before it.
 FLOORS = (
     ("_core", "errors", "interleaved_timing", "page"),
-    ("atomic_output", "ndf"),
+    ("atomic_output", "jobs", "ndf"),
     ("scene",),
     ("compare", "named_shape"),
     ("explain", "accuracy", "doctor"),

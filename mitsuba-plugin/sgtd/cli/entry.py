@@ -14,6 +14,7 @@ from .explain import explain_command
 from .gonio import gonio_command
 from .ndf import ndf_command
 from .render import render_command
+from .study import study_command
 from .surface import surface_command
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -58,6 +59,7 @@ for command in (
     explain_command,
     surface_command,
     gonio_command,
+    study_command,
     ndf_command,
     doctor_command,
 ):

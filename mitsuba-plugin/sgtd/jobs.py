@@ -1,0 +1,155 @@
+"""Many independent tasks on the processes of this machine, or on a Dask cluster if its scheduler is named.
+
+A task is a function by name and arguments that JSON can hold (numbers, texts, paths); its result is such a thing too. Results go to a file
+of JSON lines as they come, so that a run that was stopped goes on where it was: tasks whose name and arguments stand in the file are not
+run again, those that failed are.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Optional
+
+from .errors import UserError, one_line
+
+Advance = Optional[Callable[[int], None]]
+
+
+@dataclass(frozen=True)
+class Task:
+    """``function`` is ``package.module:name`` and takes the arguments as keywords; ``key`` tells tasks of one run apart."""
+
+    key: str
+    function: str
+    arguments: dict[str, Any]
+
+    def is_in(self, line: dict[str, Any]) -> bool:
+        same = line.get("key") == self.key and line.get("function") == self.function
+        return same and line.get("arguments") == json.loads(json.dumps(self.arguments))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a task, or in one line why it has none."""
+
+    task: Task
+    result: Any = None
+    error: str = ""
+
+
+def run(
+    tasks: Sequence[Task],
+    file: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    advance: Advance = None,
+) -> list[Outcome]:
+    """Runs what ``file`` does not have yet, and returns all outcomes in the order of the tasks.
+
+    ``workers`` are processes of this machine, by default as many as it has cores; ``scheduler`` is the address of a Dask scheduler, whose
+    workers must have this package and see the same files.
+    """
+    if len({task.key for task in tasks}) != len(tasks):
+        raise UserError("two tasks have the same key")
+    known = {task.key: outcome for task in tasks if (outcome := _found(task, file)) is not None}
+    rest = [task for task in tasks if task.key not in known]
+    if advance is not None and known:
+        advance(len(known))
+    if rest:
+        _mend(file)
+        with file.open("a", encoding="utf-8") as lines:
+            for outcome in _on_dask(rest, scheduler) if scheduler else _on_processes(rest, workers):
+                task = outcome.task
+                line = {"key": task.key, "function": task.function, "arguments": task.arguments}
+                line.update({"error": outcome.error} if outcome.error else {"result": outcome.result})
+                lines.write(json.dumps(line, allow_nan=False) + "\n")
+                lines.flush()
+                known[task.key] = outcome
+                if advance is not None:
+                    advance(1)
+    return [known[task.key] for task in tasks]
+
+
+def call(function: str, arguments: dict[str, Any]) -> Any:
+    """What a worker does."""
+    module, _, name = function.partition(":")
+    return getattr(importlib.import_module(module), name)(**arguments)
+
+
+def _read(file: Path) -> Iterator[dict[str, Any]]:
+    """All whole lines: the last one may have been cut off."""
+    if file.is_file():
+        with file.open(encoding="utf-8") as lines:
+            for line in lines:
+                try:
+                    yield json.loads(line)
+                except ValueError:
+                    continue
+
+
+def _found(task: Task, file: Path) -> Outcome | None:
+    for line in _read(file):
+        if task.is_in(line) and "result" in line:
+            return Outcome(task, line["result"])
+    return None
+
+
+def _mend(file: Path) -> None:
+    """Ends a line that was cut off, so that the next one begins on its own."""
+    if file.is_file() and file.stat().st_size:
+        with file.open("rb+") as content:
+            content.seek(-1, os.SEEK_END)
+            if content.read(1) != b"\n":
+                content.write(b"\n")
+
+
+def _one_thread() -> None:
+    # read when the core starts its threads, at its first long call: cores are taken by other workers
+    os.environ["RAYON_NUM_THREADS"] = "1"
+
+
+def _on_processes(tasks: Sequence[Task], workers: int | None) -> Iterator[Outcome]:
+    count = min(workers or os.cpu_count() or 1, len(tasks))
+    initializer = _one_thread if count > 1 else None
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=initializer) as pool:
+        try:
+            futures = {pool.submit(call, task.function, task.arguments): task for task in tasks}
+            yield from _outcomes(futures, as_completed(futures))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _on_dask(tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise UserError(
+            "a scheduler is named, but the package distributed is missing: pip install sgtd[cluster]"
+        ) from error
+    try:
+        client = distributed.Client(scheduler, timeout=20)
+    except (OSError, ValueError) as error:
+        raise UserError(f"no Dask scheduler answers at {scheduler}: {one_line(error)}") from error
+    with client:
+        futures = {client.submit(call, task.function, task.arguments, pure=False): task for task in tasks}
+        yield from _outcomes(futures, distributed.as_completed(futures))
+
+
+def _outcomes(futures: dict[Any, Task], done: Iterable[Future[Any]]) -> Iterator[Outcome]:
+    for future in done:
+        task = futures[future]
+        try:
+            outcome = Outcome(task, future.result())
+            json.dumps(outcome.result, allow_nan=False)
+        except Exception as error:
+            outcome = Outcome(task, error=one_line(error))
+        yield outcome
