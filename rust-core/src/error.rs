@@ -1,4 +1,11 @@
 //! The error that every constructor of this crate returns.
+//!
+//! ```
+//! use sgtd_core::family::shape::Shape;
+//!
+//! let Err(error) = Shape::new(1.4, 1.0, 0.0, 0.0) else { panic!("2pγ is below 3") };
+//! assert!(error.to_string().contains("raise gamma above 1.5"));
+//! ```
 
 use thiserror::Error;
 

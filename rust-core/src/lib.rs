@@ -19,35 +19,45 @@
 //!
 //! # From equation to function
 //!
-//! | what | equations | where |
-//! |---|---|---|
-//! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`family::shape::Shape`], [`family::shape::ROWS`] |
-//! | the tree of special cases | Figure 1 | [`family::tree::Node`] |
-//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`family::partial_moment::Side::kernel`], [`profile::Profile::f`] |
-//! | normalization A | 5–6, 15, 26–27, 30, 33, 37–38, 42 | [`profile::Profile::normalization`] |
-//! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] |
-//! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` |
-//! | masking Λ, G1, G2 | 10–12 | [`masking::MaskingIntegral::at`], [`ndf::Ndf::lambda`], [`ndf::Ndf::g2`] |
-//! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`family::student::StudentMasking`] |
-//! | profiles given by points, sums of profiles | – | [`profile::TabulatedProfile`], [`profile::MixtureProfile`] |
-//! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] |
-//! | missing energy of single scattering | – | [`scattering::albedo::SingleScattering::missing_energy`], [`scattering::albedo_table::AlbedoTable`] |
-//! | walks on the microsurface | – | [`scattering::random_walk::RandomWalk`] |
-//! | sampling of visible normals | – | [`sampling::visible_table::VisibleTable`], [`sampling::azimuth::Azimuth`], [`ndf::Ndf::sample`], [`sampling::bounded::Horizon`] |
+//! | what | equations | function | file |
+//! |---|---|---|---|
+//! | shape parameters, the ten rows of Table 1 | 1–4, Table 1 | [`family::shape::Shape`], [`family::shape::ROWS`] | `family/shape.rs` |
+//! | the tree of special cases | Figure 1 | [`family::tree::Node`] | `family/tree.rs` |
+//! | the profile f | 2–4, 13, 24, 28, 31, 35, 40 | [`profile::Profile::f`] by `Side::kernel` | `family/partial_moment.rs` |
+//! | normalization A | 5–6, 15, 26–27, 30, 33, 37–38, 42 | [`profile::Profile::normalization`] | `family/skewed_t.rs` |
+//! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] | `ndf.rs` |
+//! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` | `family/skewed_t.rs` |
+//! | masking Λ, G1, G2 | 10–12 | [`ndf::Ndf::lambda`], [`ndf::Ndf::g1`], [`ndf::Ndf::g2`] | `masking/integral.rs`, `masking/table.rs` |
+//! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`profile::Profile::masking`] | `family/student.rs` |
+//! | profiles given by points, sums of profiles | – | [`profile::TabulatedProfile`], [`profile::MixtureProfile`] | `profile/tabulated.rs`, `profile/mixture.rs` |
+//! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] | `sampling/visible_table.rs` |
+//! | sampling of visible normals | – | [`ndf::Ndf::sample`] | `sampling/visible_table.rs`, `sampling/azimuth.rs`, `sampling/bounded.rs` |
+//! | what one reflection loses, 1 − E | – | `SingleScattering::missing_energy`, `AlbedoTable` | `scattering/albedo.rs`, `scattering/albedo_table/` |
+//! | walks on Smith's microsurface | – | [`scattering::random_walk::RandomWalk`] | `scattering/random_walk.rs` |
+//! | surfaces made of facets, walks on them | – | [`microsurface::generate::generate`], [`microsurface::trace::Tracer`] | `microsurface/` |
 //!
 //! # One way through the rooms
-//! [`error`] and [`numerics`] → [`profile`] (the trait) → [`family`] (this family behind it) → [`masking`] → [`sampling`] → [`ndf`] → [`scattering`]
-//! and [`batch`] → [`bridge`]. Nothing from [`masking`] on knows which profile it serves.
+//! [`error`] and `numerics` → [`profile`] (the trait) → [`family`] (this family behind it) → `masking` → `sampling` → [`ndf`] → [`scattering`]
+//! and `batch` → [`microsurface`] → `bridge`. Nothing from `masking` on knows which profile it serves. Rooms without a link are not for users of
+//! the crate: they are reachable for its tests, and may change.
 
+#![cfg_attr(not(test), deny(unused_crate_dependencies))]
+
+#[doc(hidden)]
 pub mod batch;
+#[doc(hidden)]
 pub mod bridge;
+#[doc(hidden)]
 pub mod constants;
 pub mod error;
 pub mod family;
+#[doc(hidden)]
 pub mod masking;
 pub mod microsurface;
 pub mod ndf;
+#[doc(hidden)]
 pub mod numerics;
 pub mod profile;
+#[doc(hidden)]
 pub mod sampling;
 pub mod scattering;

@@ -2,6 +2,20 @@
 //!
 //! Directions are unit vectors in the local frame, z along the geometric normal; ω_i points to the viewer, ω_o to the light,
 //! m is the microfacet normal. D and pdf are densities per solid angle of m; ∫ D cos θ_m dω_m = 1.
+//!
+//! ```
+//! use glam::DVec3;
+//! use sgtd_core::family::{shape::Shape, skewed_t::SkewedT};
+//! use sgtd_core::ndf::{Ndf, Normals, Roughness, Shadowing};
+//!
+//! let ndf = Ndf::new(Box::new(SkewedT::new(Shape::new(1.6, 1.0, 0.0, 0.0)?)), 1e-5)?;
+//! let (alpha, wi) = (Roughness::new(0.3, 0.1)?, DVec3::new(0.6, 0.0, 0.8));
+//! let sample = ndf.sample(alpha, wi, (0.3, 0.7), Normals::Visible);
+//! let wo = 2.0 * wi.dot(sample.m) * sample.m - wi;
+//! assert!((sample.pdf / ndf.pdf(alpha, wi, sample.m, Normals::Visible) - 1.0).abs() < 1e-6);
+//! assert!(ndf.g2(alpha, wi, wo, Shadowing::HeightCorrelated) <= ndf.g1(alpha, wi));
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 use crate::error::{ParameterError, require};
 use crate::masking::table::{FINEST_SINGLE, LambdaTable};

@@ -58,24 +58,22 @@ fn missing_energy_agrees_with_brute_force() {
         let alpha = Roughness { u: random.log_between(0.05, 2.0), v: random.log_between(0.05, 2.0) };
         let wi = view(&mut random);
         let rule = if HARD.contains(&case) { Rule::PAIR } else { Rule::ANISOTROPIC };
-        for mode in MODES {
-            const COUNT: u32 = 400_000;
-            let kept: f64 = (0..COUNT)
-                .into_par_iter()
-                .map(|k| {
-                    // the first two coordinates of Roberts' sequence
-                    let u = [0.7548776662466927, 0.5698402909980532].map(|step| (0.5 + step * f64::from(k)).fract());
-                    let sample = ndf.sample_visible(alpha, wi, (u[0], u[1]));
-                    let cosine = wi.dot(sample.m);
-                    let wo = 2.0 * cosine * sample.m - wi;
-                    if sample.pdf > 0.0 && cosine > 0.0 {
-                        sample.d_over_pdf * cosine * ndf.g2(alpha, wi, wo, mode) / wi.z
-                    } else {
-                        0.0
-                    }
-                })
-                .sum::<f64>()
-                / f64::from(COUNT);
+        const COUNT: u32 = 300_000;
+        let kept = (0..COUNT)
+            .into_par_iter()
+            .map(|k| {
+                // the first two coordinates of Roberts' sequence
+                let u = [0.7548776662466927, 0.5698402909980532].map(|step| (0.5 + step * f64::from(k)).fract());
+                let sample = ndf.sample_visible(alpha, wi, (u[0], u[1]));
+                let cosine = wi.dot(sample.m);
+                let wo = 2.0 * cosine * sample.m - wi;
+                if !(sample.pdf > 0.0 && cosine > 0.0) {
+                    return [0.0; 2];
+                }
+                MODES.map(|mode| sample.d_over_pdf * cosine * ndf.g2(alpha, wi, wo, mode) / wi.z / f64::from(COUNT))
+            })
+            .reduce(|| [0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        for (mode, kept) in MODES.into_iter().zip(kept) {
             let reference =
                 1.0 - SingleScattering::new(&ndf, mode, Rule::REFERENCE).missing_energy(Incidence::new(alpha, wi));
             let fine = 1.0 - SingleScattering::new(&ndf, mode, rule).missing_energy(Incidence::new(alpha, wi));
@@ -132,6 +130,11 @@ fn ordinary_shapes(random: &mut Random, count: usize) -> Vec<Case> {
         .collect()
 }
 
+/// Both modes, or one of them in turn for hard shapes, whose tables take seconds and differ by the same corners.
+fn modes_of(case: Case, k: usize) -> Vec<Shadowing> {
+    if HARD.contains(&case) { vec![MODES[k % 2]] } else { MODES.to_vec() }
+}
+
 /// E from the table at roughness that no node has, grazing to normal: the error of a furnace.
 #[test]
 fn tables_hold_what_is_missing() {
@@ -140,11 +143,11 @@ fn tables_hold_what_is_missing() {
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
         let mut random = Random::new(77 + k as u64);
         let ndf = ndf(case);
-        for mode in MODES {
+        for mode in modes_of(case, k) {
             let source = SingleScattering::new(&ndf, mode, Rule::REFERENCE);
             let table = AlbedoTable::isotropic(&ndf, mode);
             let mut worst = (0.0, 0.0, DVec3::Z);
-            for _ in 0..200 {
+            for _ in 0..120 {
                 let (alpha, w) = (random.log_between(0.05, 2.0), view(&mut random));
                 let error = (table.missing_energy(isotropic(alpha), w)
                     - source.missing_energy(Incidence::new(isotropic(alpha), w)))
@@ -177,12 +180,12 @@ fn anisotropic_tables_hold_what_is_missing() {
     shapes.into_par_iter().enumerate().for_each(|(k, case)| {
         let mut random = Random::new(99 + k as u64);
         let ndf = ndf(case);
-        for mode in MODES {
+        for mode in modes_of(case, k) {
             let alpha = Roughness { u: random.log_between(0.05, 1.0), v: random.log_between(0.05, 1.0) };
             let source = SingleScattering::new(&ndf, mode, Rule::REFERENCE);
             let table = AlbedoTable::anisotropic(&ndf, mode, alpha);
             let (mut worst, mut slope) = (0.0_f64, 0.0_f64);
-            for _ in 0..300 {
+            for _ in 0..100 {
                 let w = view(&mut random);
                 let error = (table.missing_energy(alpha, w) - source.missing_energy(Incidence::new(alpha, w))).abs();
                 worst = if error <= worst { worst } else { error };
@@ -328,6 +331,10 @@ fn facets_are_seen_from_both_sides() {
         assert!((mean - moment / sum).abs() < 3e-3, "{cosine}: {mean}, not {}", moment / sum);
     }
     assert!(walk.visible_normal(DVec3::NEG_Z, &mut || 0.5).is_none());
+    // numbers that are not random: every attempt fails, and the walk says so instead of trying for ever
+    for view in [DVec3::Z, DVec3::new(0.8, 0.0, -0.6)] {
+        assert!(walk.visible_normal(view, &mut || 1.0 - f64::EPSILON).is_none());
+    }
 }
 
 /// Fresnel reflectance of a conductor (Born & Wolf, section 14.2).

@@ -1,7 +1,9 @@
 //! The SGTD family: its parameters and rows, the tree of special cases, and its profile in closed form.
 
+#[doc(hidden)]
 pub mod partial_moment;
 pub mod shape;
 pub mod skewed_t;
+#[doc(hidden)]
 pub mod student;
 pub mod tree;

@@ -1,4 +1,15 @@
 //! The four shape parameters of the family, and the named rows of its table of special cases.
+//!
+//! ```
+//! use sgtd_core::family::shape::{Row, Shape};
+//!
+//! let shape = Shape::new(2.5, 1.0, 0.3, 0.4)?;
+//! assert_eq!((shape.gamma(), shape.shift()), (2.5, 0.4));
+//! // a row of the table fixes what its name says
+//! assert_eq!(Row::named("beckmann")?.shape(None, None, None, None)?.gamma(), f64::INFINITY);
+//! assert!(Row::named("beckmann")?.shape(Some(3.0), None, None, None).is_err());
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 use crate::error::{ParameterError, require};
 

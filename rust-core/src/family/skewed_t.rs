@@ -1,6 +1,16 @@
 //! The profile of the skewed generalized t-distribution, with A, cdf and their inverses in closed form.
 //!
 //! Source: Ribardière et al. 2019, Eq. 1–6, in the parametrisation of [`Shape`].
+//!
+//! ```
+//! use sgtd_core::family::{shape::Shape, skewed_t::SkewedT};
+//! use sgtd_core::profile::Profile;
+//!
+//! let profile = SkewedT::new(Shape::new(2.5, 1.5, 0.4, 0.7)?);
+//! let median = profile.quantile(0.5);
+//! assert!((profile.cdf(median) - 0.5).abs() < 1e-12 && (profile.sf(median) - 0.5).abs() < 1e-12);
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 use crate::family::partial_moment::{Radius, Side, Width};
 use crate::family::shape::Shape;

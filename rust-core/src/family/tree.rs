@@ -13,6 +13,16 @@
 //! | `gnd`, `snd` | `beckmann` (p = 1, λ = 0) |
 //!
 //! Source: Ribardière et al. 2019, Figure 1 and Table 1.
+//!
+//! ```
+//! use sgtd_core::family::shape::Shape;
+//! use sgtd_core::family::tree::Node;
+//!
+//! // a skew without a shift is a roughness, and the rest is GGX
+//! let node = Node::lowest(&Shape::new(2.0, 1.0, 0.5, 0.0)?);
+//! assert_eq!((node.row.name, node.alpha_scale), ("ggx", 1.5));
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 use crate::family::shape::{INFINITE_GAMMA, ROWS, Row, Shape};
 

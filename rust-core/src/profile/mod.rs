@@ -2,6 +2,19 @@
 //!
 //! A profile lives at unit roughness: `x` is the slope tan θ_m divided by the roughness. Any profile that
 //! implements this trait (a measured one, a piecewise one) gets masking, sampling, anisotropy and tables.
+//!
+//! ```
+//! use sgtd_core::family::{shape::Shape, skewed_t::SkewedT};
+//! use sgtd_core::profile::{MixtureProfile, Part, Profile};
+//! use std::sync::Arc;
+//!
+//! let part = |weight, scale, gamma| -> Result<Part, sgtd_core::error::ParameterError> {
+//!     Ok(Part { weight, scale, profile: Arc::new(SkewedT::new(Shape::new(gamma, 1.0, 0.0, 0.0)?)) })
+//! };
+//! let mixture = MixtureProfile::new(vec![part(0.8, 0.1, f64::INFINITY)?, part(0.2, 0.5, 2.0)?])?;
+//! assert!((mixture.cdf(1.0) + mixture.sf(1.0) - 1.0).abs() < 1e-12);
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 pub mod mixture;
 pub mod resample;

@@ -7,6 +7,25 @@
 //!
 //! Facets are drawn exactly, for any [`Profile`]: from steps above the profile, by rejection. No table of visible normals enters; Λ is that of
 //! the distribution's masking table.
+//!
+//! ```
+//! use glam::DVec3;
+//! use sgtd_core::family::{shape::Shape, skewed_t::SkewedT};
+//! use sgtd_core::ndf::{Ndf, Roughness};
+//! use sgtd_core::scattering::random_walk::RandomWalk;
+//!
+//! let ndf = Ndf::new(Box::new(SkewedT::new(Shape::new(2.0, 1.0, 0.0, 0.0)?)), 1e-5)?;
+//! let walk = RandomWalk::new(&ndf, Roughness::new(0.5, 0.5)?);
+//! // any generator of numbers in [0, 1)
+//! let mut state = 0.0_f64;
+//! let mut random = || {
+//!     state = (state + 0.618_033_988_749_895).fract();
+//!     state
+//! };
+//! let exit = walk.walk(DVec3::Z, &mut random, |_cosine| ());
+//! assert!(exit.is_some_and(|exit| exit.direction.z > 0.0 && exit.bounces >= 1));
+//! # Ok::<(), sgtd_core::error::ParameterError>(())
+//! ```
 
 use crate::ndf::{Ndf, Roughness};
 use crate::numerics::greatest;
@@ -31,6 +50,9 @@ pub struct RandomWalk<'a> {
     steps: [Steps; 2],
 }
 
+/// Attempts after which a facet is given up. What is drawn from lies close above the profile: so many failures in a row mean that the numbers
+/// are not random.
+const MOST_ATTEMPTS: u32 = 100_000;
 /// Facets after which a walk is given up. Without absorption the chance of that is below 1e-9 for roughness up to 10.
 const MOST_FACETS: u32 = 100_000;
 
@@ -41,7 +63,7 @@ impl<'a> RandomWalk<'a> {
     }
 
     /// Follows light that arrives from ω_i, ω_i.z > 0; `facet` is told the cosine at every facet. `None` if it does not leave within
-    /// 100 000 facets.
+    /// 100 000 facets, or finds none.
     pub fn walk(&self, wi: DVec3, random: &mut impl FnMut() -> f64, mut facet: impl FnMut(f64)) -> Option<Exit> {
         let mut ray = -wi;
         // ln C, 0 at the top
@@ -66,7 +88,8 @@ impl<'a> RandomWalk<'a> {
         None
     }
 
-    /// Draws a normal with density `∝ D(m) ⟨v·m⟩`, for views from above and from below; `None` for a view from which no facet is seen.
+    /// Draws a normal with density `∝ D(m) ⟨v·m⟩`, for views from above and from below; `None` for a view from which no facet is seen,
+    /// and after 100 000 attempts.
     pub fn visible_normal(&self, view: DVec3, random: &mut impl FnMut() -> f64) -> Option<DVec3> {
         let stretched = DVec3::new(self.alpha.u * view.x, self.alpha.v * view.y, view.z).normalize_or(DVec3::Z);
         let sin = stretched.x.hypot(stretched.y);
@@ -84,7 +107,7 @@ impl<'a> RandomWalk<'a> {
         let [area, flux] = &self.steps;
         if c >= 0.0 {
             let (flat, tilted) = (c * area.total(), s * flux.total());
-            loop {
+            for _ in 0..MOST_ATTEMPTS {
                 let steps = if random() * (flat + tilted) < flat { area } else { flux };
                 let Some(rho) = steps.draw(self.ndf.profile(), 0.0, random) else { continue };
                 let (sine, cosine) = (2.0 * PI * random()).sin_cos();
@@ -92,13 +115,14 @@ impl<'a> RandomWalk<'a> {
                     return Some((rho, sine, cosine));
                 }
             }
+            return None;
         }
         // only slopes beyond a show their front, within acos(a/ρ) of the view's azimuth
         let a = -c / s;
         if !a.is_finite() || a >= flux.greatest() {
             return None;
         }
-        loop {
+        for _ in 0..MOST_ATTEMPTS {
             let Some(rho) = flux.draw(self.ndf.profile(), a, random) else { continue };
             let limit = (a / rho).min(1.0).acos();
             let (sine, cosine) = (limit * (2.0 * random() - 1.0)).sin_cos();
@@ -107,6 +131,7 @@ impl<'a> RandomWalk<'a> {
                 return Some((rho, sine, cosine));
             }
         }
+        None
     }
 }
 

@@ -2,6 +2,7 @@
 //! chance.
 #![allow(dead_code)] // every test crate uses a part of it
 
+pub mod altered;
 pub mod piecewise;
 pub mod second_moment;
 pub mod tables;
