@@ -131,3 +131,25 @@ def variant(request):
     """Both ways through the plugin: tables read one value at a time, and in traced code."""
     use(request.param)
     return request.param
+
+
+@pytest.fixture
+def warnings():
+    """What Mitsuba says, as it says it, whoever else listens: a variant has to be set before."""
+    import mitsuba as mi
+
+    said = []
+
+    class Listener(mi.Appender):
+        def append(self, _level, text):
+            said.append(text)
+
+        def log_progress(self, *_):
+            pass
+
+    level, listener = mi.log_level(), Listener()
+    mi.set_log_level(mi.LogLevel.Warn)
+    mi.logger().add_appender(listener)
+    yield said
+    mi.logger().remove_appender(listener)
+    mi.set_log_level(level)

@@ -191,24 +191,11 @@ def test_what_a_built_in_renders_is_rendered(variant, distribution):
     ],
     ids=str,
 )
-def test_what_no_surface_has_is_told_once(scalar, plugin, given, words):
-    said = []
-
-    class Listener(mi.Appender):
-        def append(self, _level, text):
-            said.append(text)
-
-        def log_progress(self, *_):
-            pass
-
-    name, level, listener = "-".join(words[:2]), mi.log_level(), Listener()
-    mi.set_log_level(mi.LogLevel.Warn)
-    mi.logger().add_appender(listener)
+def test_what_no_surface_has_is_told_once(scalar, warnings, plugin, given, words):
+    name = "-".join(words[:2])
     for _ in range(3):
         mi.load_dict({"type": plugin, "id": name, **given})
-    mi.logger().remove_appender(listener)
-    mi.set_log_level(level)
-    (line,) = (text for text in said if name in text and "parameter" in text)
+    (line,) = (text for text in warnings if name in text and "parameter" in text)
     for word in (plugin, *words):
         assert word in line
 

@@ -129,15 +129,19 @@ def test_effects(explained):
     base = {"visible normals"}
     assert on(ours("x")) == base
     assert on(ours("x", '<boolean name="sample_visible" value="false"/>')) == set()
-    assert on(ours("x", shift=0.2)) == base | {"shift"}
-    assert on(ours("x", shift=0.2, lambda_=0.1)) == base | {"shift", "skew"}
     assert on(ours("x", lambda_=0.1)) == base
-    assert on(ours("x", p=1.1)) == base | {"kurtosis"}
-    assert on(ours("x", gamma=1.8)) == base | {"tail"}
     assert on(ours("x", alpha_u=0.1, alpha_v=0.2)) == base | {"anisotropy"}
     assert on(ours("x", word("masking", "height_correlated"))) == base | {"height-correlated masking"}
     assert on(ours("x", '<texture type="checkerboard" name="alpha"/>')) == base | {"roughness texture"}
+    assert on(ours("x", '<boolean name="sample_bounded" value="true"/>')) == base | {"bounded sampling"}
+    # what has tables is bounded if nothing is said
+    base |= {"bounded sampling"}
+    assert on(ours("x", shift=0.2)) == base | {"shift"}
+    assert on(ours("x", shift=0.2, lambda_=0.1)) == base | {"shift", "skew"}
+    assert on(ours("x", p=1.1)) == base | {"kurtosis"}
+    assert on(ours("x", gamma=1.8)) == base | {"tail"}
     assert on(ours("x", p=50)) == base | {"kurtosis", "double precision"}
+    assert on(ours("x", '<boolean name="sample_bounded" value="false"/>', gamma=1.8)) == {"visible normals", "tail"}
     (material,) = explained(ours("x", gamma=1.8))["materials"]
     assert material["properties"] == {"gamma": 1.8}
     assert set(material["defaults"]) == {"distribution", "alpha", "masking", "sample_visible", "accuracy"}
@@ -195,6 +199,9 @@ def test_code_paths_are_counted(explained):
     assert four["code_paths"] == 4
     assert any("a and d differ in masking alone" in text for text in four["advice"])
     assert paths(a, ours("steep", p=50))["code_paths"] == 2
+    unbounded = paths(a, ours("e", '<boolean name="sample_bounded" value="false"/>', gamma=1.7))
+    assert unbounded["code_paths"] == 2
+    assert any("a and e differ in sample_bounded alone" in text for text in unbounded["advice"])
 
 
 def advice_on(report):

@@ -205,7 +205,7 @@ def test_eta_changes_inside_a_frozen_function(llvm):
         ),
     ],
 )
-def test_what_needs_the_host_is_refused_inside_a_frozen_function(llvm, capfd, name, given, words):
+def test_what_needs_the_host_is_refused_inside_a_frozen_function(llvm, name, given, words):
     bsdf = sc.load(gamma=1.8, **given)
     params = mi.traverse(bsdf)
     arguments = interaction(False)

@@ -74,18 +74,22 @@ def advise_scene(materials: list[Material], paths: int | None, scalar: bool) -> 
     return found
 
 
+# What two materials may differ in alone and could as well agree in
+SWITCHES = ("sample_visible", "sample_bounded", "masking", "anisotropy", "multiple_scattering")
+
+
 def _joins(kinds: dict[tuple[object, ...], list[Material]]) -> list[str]:
     """Groups that differ in one switch alone."""
     names = (
         *("plugin", "distribution", "scaled roughness", "double precision", "textured roughness", "anisotropy"),
-        *("sample_visible", "masking", "multiple_scattering"),
+        *("sample_visible", "sample_bounded", "masking", "multiple_scattering"),
     )
     found = []
     keys = list(kinds)
     for i, a in enumerate(keys):
         for b in keys[:i]:
             apart = [name for name, x, y in zip(names, a, b) if x != y]
-            if len(apart) == 1 and apart[0] in ("sample_visible", "masking", "anisotropy", "multiple_scattering"):
+            if len(apart) == 1 and apart[0] in SWITCHES:
                 first, second = kinds[b][0].id, kinds[a][0].id
                 found.append(f"{first} and {second} differ in {apart[0]} alone: the same for both saves a code path")
     return found

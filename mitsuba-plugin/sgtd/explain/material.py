@@ -103,8 +103,11 @@ class Material:
         )
 
 
+# The plugin whose sampling can be bounded: light that is refracted has no such limit.
+REFLECTS_ONLY = "sgtdconductor"
+
 # Effects, beside anisotropy, textures and double precision, that are code and not numbers.
-STRUCTURAL = ("visible normals", "height-correlated masking", "multiple scattering")
+STRUCTURAL = ("visible normals", "bounded sampling", "height-correlated masking", "multiple scattering")
 
 
 def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Material:
@@ -129,6 +132,8 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     nested = {name: graph.referred(value) for name, value in values.items()}
     objects = frozenset(name for name, other in nested.items() if other is not None)
     textured = not objects.isdisjoint(("alpha", "alpha_u", "alpha_v"))
+    # as the plugin decides it
+    bounded = props.plugin_name() == REFLECTS_ONLY and visible and bool(values.get("sample_bounded", not builtin))
     tables = None if builtin else _tables(reduced, accuracy, visible)
     return Material(
         id=str(props.id()) or "unnamed",
@@ -148,7 +153,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
         alpha_scale=scale * node_scale,
         builtin=builtin,
         why=_why(row, shape, node_of_tree.name, reduced, builtin, node_scale),
-        effects=_effects(shape, values, visible, anisotropic, textured, tables),
+        effects=_effects(shape, values, visible, bounded, anisotropic, textured, tables),
         accuracy_asked=accuracy,
         tables=tables,
         missing_energy=_missing_energy(reduced, accuracy, scale * node_scale, values, objects, builtin),
@@ -228,6 +233,7 @@ def _effects(
     shape: Shape,
     values: Mapping[str, Any],
     visible: bool,
+    bounded: bool,
     anisotropic: bool,
     textured: bool,
     tables: Tables | None,
@@ -245,6 +251,9 @@ def _effects(
         Effect("anisotropy", anisotropic, "alpha_u, alpha_v" if anisotropic else "one alpha"),
         Effect("roughness texture", textured, "looked up per hit" if textured else "a number"),
         Effect("visible normals", visible, "sample_visible" if visible else "all normals are drawn from"),
+        Effect(
+            "bounded sampling", bounded, "of reflections above the horizon" if bounded else "of all that are visible"
+        ),
         Effect("height-correlated masking", correlated, "height_correlated" if correlated else "separable"),
         Effect("multiple scattering", multiple, "on" if multiple else "single scattering"),
         Effect(
