@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 from sgtd import cli
-from sgtd.accuracy import QUICK_SETTINGS, advice, inputs, published, tables
+from sgtd.accuracy import QUICK_SETTINGS, advice, function_errors, output, published
 from sgtd.accuracy.function_timing import Timing
 from sgtd.accuracy.images import ImageRow
 from sgtd.errors import UserError
@@ -69,7 +69,7 @@ def report(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("accuracy")
     scene = write_scene(folder, ROUGH)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tables, "print_tables", lambda study, _: STUDIES.append(study))
+        patch.setattr(output, "print_tables", lambda study, _: STUDIES.append(study))
         status = run("--shape", SHAPE, "--scene", scene, "--variant", "scalar_rgb", "-o", folder / "out", "--seed", 5)
     assert status == 0
     return folder / "out"
@@ -118,7 +118,7 @@ def test_errors_of_tables_agree_with_closed_form(numbers):
     shape = parse_shape(SHAPE)
     for setting in QUICK_SETTINGS[:-1]:
         worst = {"random": 0.0, "hard": 0.0}
-        for batch in inputs.directions(shape, 5, 3_000):
+        for batch in function_errors.directions(shape, 5, 3_000):
             exact = published.over_directions(
                 lambda a: published.student_lambda(a, 2.5), batch.alpha_u, batch.alpha_v, batch.w
             )
@@ -288,7 +288,7 @@ def test_tables_fit_the_terminal(report, columns):
     from rich.console import Console
 
     console = Console(width=columns, record=True)
-    tables.print_tables(STUDIES[0], console)
+    output.print_tables(STUDIES[0], console)
     table = console.export_text().split(f"{SHAPE}:")[0]
     assert "…" not in table
     assert max(map(len, table.splitlines())) <= columns

@@ -3,20 +3,18 @@
 The dial ``accuracy`` is swept from 1e-1 to 1e-10 and 0 (quadrature or a closed form on every call), and its errors and times are
 measured twice: for the functions over arrays, and for images. How each number comes about is in ``docs/accuracy.md``.
 
-=================  =============================================================================
-``inputs``         random and hard arguments
-``published``      formulas of other authors, the comparison lines
-``function_errors`` errors of masking, D and sampling against quadrature
-``precision``      a whole material in single precision against the core in double
-``function_timing`` nanoseconds per call, in processes of their own with a fixed number of threads
-``scenes``         scenes with one shape and one setting each
-``images``         bias, noise, equal samples and equal time
-``advice``         which setting suffices, in numbers and in words
-``study``          runs all of it
-``tables``         the numbers as JSON, CSV and on the terminal; ``findings`` what they say in words
-``plots``          the figures, from ``plot_functions`` and ``plot_images``
-``page``           ``report.html``; ``files`` the whole command
-=================  =============================================================================
+===================  ============================================================================
+``published``        formulas of other authors, the comparison lines
+``function_errors``  random and hard arguments; errors of masking, D and sampling against quadrature; a whole
+                     material in single precision against the core in double
+``function_timing``  nanoseconds per call, in processes of their own with a fixed number of threads
+``images``           scenes with one shape and one setting each: bias, noise, equal samples and equal time
+``advice``           which setting suffices, in numbers and in words
+``study``            runs all of it
+``conclusions``      what the numbers say in words
+``figures``          the plots
+``output``           JSON, CSV, ``report.html`` and the terminal; the whole command
+===================  ============================================================================
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import UserError
 from ..named_shape import parse_shape
 from . import published
-from .inputs import uniform
+from .function_errors import uniform
 
 _ALPHA = 0.3
 

@@ -14,18 +14,19 @@ import numpy as np
 
 from .. import __version__
 from ..named_shape import CLASSICS, DEFAULT_SHAPES, QUICK_SHAPES, NamedShape, parse_shape
-from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, function_timing, images, published, scenes
+from . import DEFAULT_SETTING, QUICK_SETTINGS, SETTINGS, advice, function_timing, images, published
 from .function_errors import (
     MaskingErrors,
+    PrecisionErrors,
     SamplingErrors,
     Spread,
     density_errors,
     masking_errors,
+    material_errors,
     published_way,
     sampling_errors,
     table_way,
 )
-from .precision import PrecisionErrors, material_errors
 
 # Gets the name of a step and its length, and returns the call that advances it.
 Steps = Callable[[str, int], Callable[[int], None]]
@@ -106,8 +107,8 @@ def run(
     effort = QUICK if quick else FULL
     machine = _machine(variants)
     mi.set_variant(variants[0])
-    paths = scene_paths or scenes.default_scenes()
-    loaded = {path: scenes.load(path, parameters, effort.pixels, lenient) for path in paths}
+    paths = scene_paths or images.default_scenes()
+    loaded = {path: images.load(path, parameters, effort.pixels, lenient) for path in paths}
     shapes, plan = _shapes(shape_texts, bool(scene_paths), loaded, quick)
     for path, shape in plan:  # one build of each, so that a scene without metals is refused now
         loaded[path].build(shape, DEFAULT_SETTING)
@@ -151,7 +152,7 @@ def run(
 
 
 def _shapes(
-    texts: tuple[str, ...], users_scenes: bool, loaded: dict[Path, scenes.SceneFile], quick: bool
+    texts: tuple[str, ...], users_scenes: bool, loaded: dict[Path, images.SceneFile], quick: bool
 ) -> tuple[list[NamedShape], list[tuple[Path, NamedShape | None]]]:
     """The shapes to measure as functions, and the pairs of scene and shape to render.
 
@@ -165,9 +166,9 @@ def _shapes(
     shapes: dict[str, NamedShape] = {}
     plan: list[tuple[Path, NamedShape | None]] = []
     for path, file in loaded.items():
-        keeps = scenes.has_own_shapes(file)
+        keeps = images.has_own_shapes(file)
         plan += [(path, None)] if keeps else [(path, shape) for shape in defaults]
-        shapes.update({shape.text: shape for shape in (scenes.own_shapes(file) if keeps else ()) or defaults})
+        shapes.update({shape.text: shape for shape in (images.own_shapes(file) if keeps else ()) or defaults})
     return list(shapes.values()), plan
 
 
@@ -209,7 +210,7 @@ def _images(
         advance = steps(f"images, {variant}", len(plan) * images.steps(effort.settings, amount))
         for path, shape in plan:
             # read anew: a scene graph belongs to one variant
-            file = scenes.load(path, parameters, effort.pixels, lenient)
+            file = images.load(path, parameters, effort.pixels, lenient)
             found.append(images.study(file, shape, effort.settings, amount, variant, advance))
     return found
 

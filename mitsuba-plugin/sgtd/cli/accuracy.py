@@ -61,8 +61,7 @@ def accuracy_command(
     Writes report.html, plots as PNG and SVG, accuracy.json, functions.csv and images.csv.
     """
     from .. import atomic_output
-    from ..accuracy.files import REPORT, make
-    from ..accuracy.tables import print_tables
+    from ..accuracy.output import REPORT, make, print_tables
     from ..scene.graph import check_scene_file
 
     for scene in scenes:

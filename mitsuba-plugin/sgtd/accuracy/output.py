@@ -1,4 +1,6 @@
-"""The numbers: as JSON and CSV, and a short table on the terminal."""
+"""What is written: the numbers as JSON, CSV and a short table on the terminal; ``report.html``, one file that needs nothing else, for
+a desk and for a phone; all files or none.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +11,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from . import advice, setting_text
+import numpy as np
+
+from ..atomic_output import AtomicOutput
+from ..compare.difference import to_display
+from ..errors import UserError
+from ..page.plot_style import Plot, picture_png
+from ..page.template import data, load_template, number, scientific
+from . import DEFAULT_SETTING, advice, conclusions, figures, setting_text
 from .function_errors import MaskingErrors, Spread
 from .function_timing import Timing
 from .images import ImageRow, ImageStudy
-from .study import FunctionStudy, Study
+from .study import FunctionStudy, Steps, Study, run
 
 FUNCTIONS_CSV = "functions.csv"
 IMAGES_CSV = "images.csv"
@@ -241,3 +250,132 @@ def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
         for row in rows:
             cells = {name: f"{value:.9g}" if isinstance(value, float) else value for name, value in row.items()}
             table.writerow(cells)
+
+
+_TEMPLATE = "report.html.j2"
+
+# Differences are shown so much enlarged.
+_MAGNIFIED = 100
+
+
+def render(study: Study, main: list[Plot], functions: list[Plot], pictures: list[list[Plot]]) -> str:
+    """The page as text."""
+    template = load_template(
+        Path(__file__).with_name(_TEMPLATE),
+        error=_error,
+        timing=_timing,
+        setting=setting_text,
+        share=_share,
+        bias=_bias,
+    )
+    shapes = {one.shape.text: one.shape.title for one in study.functions}
+    return template.render(
+        study=study,
+        main=main,
+        functions=[(one, plot, _function_table(study, one)) for one, plot in zip(study.functions, functions)],
+        pictures=pictures,
+        studies=[(images, _thumbnails(images)) for images in study.images],
+        titles=shapes,
+        criteria=advice.criteria(),
+        samples=advice.SAMPLES,
+        default=DEFAULT_SETTING,
+        hidden=advice.HIDDEN,
+        magnified=_MAGNIFIED,
+        about_dial=conclusions.about_dial(study),
+        about_reference=conclusions.about_reference(study),
+        about_precision=conclusions.about_precision(study),
+        tables=[setting for setting in study.settings if setting],
+    )
+
+
+def _function_table(study: Study, functions: FunctionStudy) -> list[dict[str, Any]]:
+    """Lambda: settings first, then formulas."""
+    rows = []
+    text = functions.shape.text
+    for way, errors in functions.masking.items():
+        key = (text, "lambda", way)
+        setting = next((k for k in study.settings if str(k) == way), None)
+        rows.append(
+            {
+                "name": way if setting is None else setting_text(setting),
+                "formula": setting is None,
+                "reference": setting == 0.0,
+                "exceeded": bool(setting) and errors.g1.largest > setting,
+                "g1": errors.g1,
+                "own": errors.lambda_itself.largest,
+                "one": study.one.nanoseconds[key],
+                "all": study.all.nanoseconds.get(key),
+                "bytes": study.one.table_bytes.get((text, way)),
+                "build": study.one.build_seconds.get((text, way)),
+            }
+        )
+    return rows
+
+
+def _thumbnails(images: ImageStudy) -> tuple[str, str]:
+    """The reference, and what the coarsest setting changes, much enlarged around gray."""
+    shown = to_display(images.reference, images.exposure)
+    other = to_display(images.coarsest, images.exposure)
+    difference = 0.5 + 0.5 * np.clip(_MAGNIFIED * (other - shown), -1.0, 1.0)
+    return data("png", picture_png(shown)), data("png", picture_png(difference))
+
+
+def _error(value: float | Spread | None) -> str:
+    return scientific(value.largest if isinstance(value, Spread) else value)
+
+
+def _timing(value: Timing | None, factor: float = 1.0, digits: int = 3) -> str:
+    """ "7.6 (7.5–7.7)": the median and the quartiles."""
+    if value is None:
+        return "–"
+    median, low, high = (number(factor * x, digits) for x in (value.median, value.low, value.high))
+    return f"{median} ({low}–{high})"
+
+
+def _bias(row: ImageRow) -> str:
+    """The bias where the renders can tell it from zero, else a bound."""
+    bound = 2.0 * row.floor
+    return scientific(row.bias) if row.bias >= bound else f"< {scientific(bound)}"
+
+
+def _share(value: float) -> str:
+    return f"{value:.2%}"
+
+
+REPORT = "report.html"
+
+
+def make(
+    folder: Path,
+    shapes: tuple[str, ...],
+    scenes: tuple[Path, ...],
+    variants: tuple[str, ...],
+    parameters: dict[str, str],
+    seed: int,
+    quick: bool,
+    steps: Steps,
+    lenient: bool = False,
+) -> Study:
+    """Measures and writes ``report.html``, the plots, and the numbers as JSON and CSV into the folder."""
+    _check_imports()
+    with AtomicOutput(folder) as files:
+        result = run(shapes, scenes, variants, parameters, seed, quick, steps, lenient)
+        done = steps("writing", 1)
+        main, functions, pictures = figures.draw_all(result)
+        for plot in (main, *functions, *(plot for pair in pictures for plot in pair)):
+            files.path(f"{plot.name}.png").write_bytes(plot.png)
+            files.path(f"{plot.name}.svg").write_bytes(plot.svg)
+        top = [functions[0], *(pair[0] for pair in pictures[:1])]
+        files.path(REPORT).write_text(render(result, top, functions, pictures), encoding="utf-8")
+        write(result, files.path)
+        done(1)
+    return result
+
+
+def _check_imports() -> None:
+    """What the report needs beyond rendering, before anything is measured."""
+    for module, package in (("scipy", "scipy"), ("jinja2", "jinja2"), ("matplotlib", "matplotlib")):
+        try:
+            __import__(module)
+        except ImportError as error:
+            raise UserError(f"the package {package} is missing: pip install {package}") from error
