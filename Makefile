@@ -2,6 +2,7 @@
 # make test    formatting, lints, types, Rust tests, plugin build, Python tests
 # make quick   the same with one case of each test, for every change
 # make bench   speed, as ratios measured in one run
+# make microsurface a mesh beside the material of the same shape: docs/microsurface.png
 # make gallery every effect off and on, and what it costs: docs/gallery.png
 # make report  what accuracy costs in time: measure, and write out/accuracy/report.html
 SHELL := /bin/bash
@@ -16,7 +17,7 @@ SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pyc
            Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
 DEMO := out/demo
 
-.PHONY: demo test quick rust-test python-test lint bench gallery report format clean tools
+.PHONY: demo test quick rust-test python-test lint bench gallery microsurface report format clean tools
 
 demo: $(VENV)/installed
 	$(BIN)/sgtd compare scenes/spheres.xml -o $(DEMO) --set distribution=student --set gamma=1.6
@@ -54,6 +55,9 @@ bench: $(VENV)/installed
 
 gallery: $(VENV)/installed
 	$(BIN)/python benches/gallery.py
+
+microsurface: $(VENV)/installed
+	$(BIN)/python benches/microsurface.py
 
 report: $(VENV)/installed
 	$(BIN)/sgtd accuracy -o out/accuracy

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -42,6 +46,7 @@ def test_slopes_are_as_asked_for(student, beckmann):
 def test_a_seed_says_everything(student):
     again = generate(sgtd.Ndf(**STUDENT), n=128, tolerance=2e-3)
     assert np.array_equal(again.heights, student.heights)
+    assert np.array_equal(generate("student:gamma=1.7", alpha=(0.4, 0.1), n=128, tolerance=2e-3).heights, again.heights)
     other = generate(sgtd.Ndf(**STUDENT), n=128, tolerance=2e-3, seed=1)
     assert np.abs(other.heights - student.heights).max() > 0.1
 
@@ -273,3 +278,25 @@ def test_command_surface_and_command_ndf(tmp_path):
     body = (table["slope"] * scale < ndf.quantile(0.8)) & (np.arange(len(table)) > 2)
     expected = ndf.normalization / np.pi * ndf.profile(table["slope"] * scale) * scale**2
     assert np.median(np.abs(table["density"] / expected - 1)[body]) < 0.1
+
+
+def test_an_interrupt_ends_a_long_call(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "sgtd.cli",
+        "surface",
+        "--shape",
+        "gnd:shift=5",
+        "-n",
+        "1024",
+        "--tolerance",
+        "1e-9",
+    ]
+    with subprocess.Popen([*command, "-o", str(tmp_path / "S.npy")], stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(2.5)
+        assert process.poll() is None, "it had not begun"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20)
+    assert process.returncode == 130 and said.strip().endswith("interrupted")
+    assert not list(tmp_path.iterdir())

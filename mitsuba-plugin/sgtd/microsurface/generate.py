@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .. import _core
 from ..errors import UserError
+from ..named_shape import parse_shape
 from ..ndf import Ndf
 from .surface import Surface
 from .watching import Advance, watched
@@ -13,8 +14,9 @@ STEPS = 200
 
 
 def generate(
-    ndf: Ndf,
+    shape: Ndf | str,
     *,
+    alpha: float | tuple[float, float] | None = None,
     n: int = 512,
     correlation: float = 8.0,
     seed: int = 0,
@@ -22,13 +24,15 @@ def generate(
     steps: int = STEPS,
     advance: Advance = None,
 ) -> Surface:
-    """A periodic surface of ``n × n`` points whose facet slopes have the distribution ``ndf``, roughness included.
+    """A periodic surface of ``n × n`` points whose facet slopes have a distribution: an ``Ndf`` with its roughness, or a text such as
+    "student:gamma=1.7" with the roughness ``alpha``, or those along x and y.
 
     ``correlation`` is the correlation length of the Gaussian field that it begins with, in points. Iteration ends when the
     Kolmogorov–Smirnov distance of the slopes is below ``tolerance`` and radius and azimuth together are as even as those of independent
     facets, or after ``steps``: what was reached is in ``info["reached"]``, and ``notes`` warn if it is not what was asked for. The same
     arguments give the same surface, whatever the number of threads.
     """
+    ndf = _distribution(shape, alpha)
     if not 0 <= seed < 2**64:
         raise UserError(f"the seed is {seed}: it must be between 0 and 2⁶⁴ − 1")
     for name, count in (("size", n), ("steps", steps)):
@@ -62,6 +66,17 @@ def generate(
         "reached": reached,
     }
     return Surface(surface.heights, surface.spacing, True, info, tuple(notes))
+
+
+def _distribution(shape: Ndf | str, alpha: float | tuple[float, float] | None) -> Ndf:
+    if isinstance(shape, Ndf):
+        if alpha is not None:
+            raise UserError("alpha is given beside an Ndf, which has its own")
+        return shape
+    if alpha is None:
+        raise UserError(f'the shape "{shape}" needs a roughness: give alpha')
+    alpha_u, alpha_v = alpha if isinstance(alpha, tuple) else (alpha, alpha)
+    return parse_shape(shape).ndf(alpha_u, alpha_v, _core.default_accuracy)
 
 
 def _mend(ndf: Ndf) -> str:

@@ -219,12 +219,13 @@ def goniometer(
     phi: float = 0.0,
     material: str | None = None,
     ior: float | None = None,
+    orders: int = 4,
     bins: Bins | None = None,
     walks: int = WALKS,
     seed: int = 0,
     advance: Advance = None,
 ) -> list[Measured]:
-    """Light from each of the polar angles, in degrees, on a mirror, a metal or glass."""
+    """Light from each of the polar angles, in degrees, on a mirror, a metal or glass; ``bins`` say more than ``orders`` alone."""
     facets = Material.of(material, ior)
-    chosen = bins or Bins()
+    chosen = bins or Bins(orders=orders)
     return [measure(surface, Setup(theta, phi, facets, chosen, walks, seed), advance) for theta in thetas]
