@@ -11,7 +11,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # Each worker is a process of pytest with a variant of Mitsuba of its own
-WORKERS := -n 2
+WORKERS := -n 2 --dist loadgroup
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pycache__/*' -not -path '*/build/*') \
            Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
@@ -29,7 +29,7 @@ test: rust-test python-test
 
 rust-test: tools
 	cargo fmt --all --check
-	cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
+	cargo clippy --locked --profile checked --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --quiet
 	cargo test --locked --profile checked
 

@@ -20,7 +20,8 @@ from sgtd.accuracy.images import ImageRow
 from sgtd.errors import UserError
 from sgtd.named_shape import make_shape, parse_shape
 
-pytestmark = pytest.mark.slow  # whole reports, if small ones
+# whole reports, if small ones; made once, by one of the workers
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("accuracy report")]
 
 SHAPE = "student:gamma=2.5"
 SCENE = """
