@@ -13,8 +13,11 @@ from rich.progress import Progress
 SCENE = Path(__file__).parents[1] / "scenes" / "with_mesh" / "patch.xml"
 ALPHA, POINTS = 0.2, 256
 
-# Periods along x: near, facets are told apart; from afar, a pixel holds a whole period.
-NEAR, FAR = 4, 128
+# Periods along x: near, facets are told apart; from afar, a pixel holds whole periods.
+NEAR, FAR = 4, 256
+
+# Rows of pixels in one point of the plot: pixels and periods beat.
+_SMOOTHED = 9
 
 
 def with_periods(periods: int) -> str:
@@ -81,7 +84,7 @@ def main(output: Path, size: int, spp: int, gamma: float, variant: str) -> None:
             progress.advance(task)
     figure = new_figure(columns=3)
     panels = figure.subplots(1, 3)
-    for axes, image, name in zip(panels, images, ("near: 4 × 8 periods", "from afar: 128 × 256 periods")):
+    for axes, image, name in zip(panels, images, ("near: 4 × 8 periods", "from afar: 256 × 512 periods")):
         shown = np.clip(image / np.percentile(images[1], 99.5), 0.0, 1.0) ** (1 / 2.2)
         axes.imshow(shown, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
         axes.set_title(name, loc="left", fontsize=10, color=INK)
@@ -89,18 +92,19 @@ def main(output: Path, size: int, spp: int, gamma: float, variant: str) -> None:
         axes.text(0.98, 0.02, "mesh of mirrors", color="white", transform=axes.transAxes, fontsize=9, ha="right")
         axes.set_axis_off()
     flat, rough = halves(images[1], size // 5)
-    rows = np.arange(len(flat))
+    off = rough / flat - 1.0
+    flat, rough = (np.convolve(x, np.full(_SMOOTHED, 1.0 / _SMOOTHED), mode="valid") for x in (flat, rough))
+    rows = np.arange(len(flat)) + _SMOOTHED // 2
     panels[2].plot(rows, flat, color=VERMILION, label="sgtdconductor")
     panels[2].plot(rows, rough, color=BLUE, label="mesh", linewidth=1.0)
     panels[2].set_title("along the seam, from afar", loc="left", fontsize=10, color=INK)
-    panels[2].set_xlabel("row of pixels, from the back to the front")
+    panels[2].set_xlabel(f"row of pixels, from the back to the front; means of {_SMOOTHED}")
     panels[2].set_ylabel("radiance")
     panels[2].set_ylim(bottom=0.0)
     panels[2].legend(frameon=False, fontsize=9)
     style(panels[2])
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(finish("microsurface", "", "", figure).png)
-    off = rough / flat - 1.0
     print(
         f"{output}: mesh over material {1 + off.mean():.3f} on average, {1 + off[: len(off) // 4].mean():.3f} at the back, "
         f"{1 + off[-len(off) // 4 :].mean():.3f} at the front"
