@@ -57,7 +57,7 @@ def sentences(found: Comparison) -> list[str]:
     if mean:
         said.append(
             f"Mean masking tests nothing about Smith: on a periodic surface it is Smith's G1 of its own slopes. That of the target "
-            f"differs from it by {100 * mean.relative:+.2g} % at {mean.theta:g}°, which the finite facets of the surface have cut off."
+            f"differs from it by {100 * mean.relative:+.2g} % at {mean.theta:g}°: so far the surface is from its target."
         )
     for name in ("facets turned away", "facets that face it"):
         one = of(f"masking, {name}", "Smith, mesh")
