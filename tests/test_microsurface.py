@@ -21,6 +21,11 @@ STUDENT = dict(distribution="student", gamma=1.7, alpha_u=0.4, alpha_v=0.1)
 FORMATS = ("npy", "ply", "obj", "exr", "gsf")
 
 
+@pytest.fixture(autouse=True)
+def variant() -> None:
+    mi.set_variant("scalar_rgb")
+
+
 @pytest.fixture(scope="module")
 def student() -> Surface:
     return generate(sgtd.Ndf(**STUDENT), n=128, tolerance=2e-3)
