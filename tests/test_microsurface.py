@@ -104,8 +104,11 @@ def test_sixteen_bits_are_for_light_tails(student, beckmann, tmp_path):
     assert ks_distance(found.slopes(), beckmann.slopes()) == pytest.approx(found.info["png"]["loss"], abs=1e-12)
     assert "65535 steps" in found.notes[0]
     (tmp_path / "B.json").unlink()
-    with pytest.raises(UserError, match="what heights its gray values are"):
+    with pytest.raises(UserError, match="--gray LOW HIGH"):
         Surface.load(tmp_path / "B.png")
+    told = found.info["png"]["low"], found.info["png"]["high"]
+    again = read_heights(tmp_path / "B.png", spacing=(1.0, 1.0), gray=told)
+    assert np.array_equal(again.heights, found.heights) and not again.periodic
 
 
 def test_meshes_have_no_vertex_normals(student, tmp_path):

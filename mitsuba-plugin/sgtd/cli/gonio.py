@@ -35,6 +35,7 @@ from .session import Bars, console_for_tables, start_mitsuba
 @click.option("--level", is_flag=True, help="Take off the tilt of a measured map.")
 @click.option("--mirror", is_flag=True, help="Make a measured map periodic by its mirror images.")
 @click.option("--spacing", type=float, nargs=2, metavar="DX DY", help="Distances of points (default: the file's).")
+@click.option("--gray", type=float, nargs=2, metavar="LOW HIGH", help="Heights of black and white of an image.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
 @click.option("-o", "--output", type=PATH, default=Path("out/gonio"), show_default=True, help="Folder to write.")
 def gonio_command(
@@ -52,6 +53,7 @@ def gonio_command(
     level: bool,
     mirror: bool,
     spacing: tuple[float, float] | None,
+    gray: tuple[float, float] | None,
     seed: int,
     output: Path,
 ) -> None:
@@ -79,7 +81,7 @@ def gonio_command(
 
     if (shape is None) != (alpha is None):
         raise UserError("--shape and --alpha go together: the distribution that the surface is compared with")
-    surface = read_heights(heights, spacing, level)
+    surface = read_heights(heights, spacing, level, gray)
     if mirror and not surface.periodic:
         surface = surface.mirrored()
     ndf = surface.ndf

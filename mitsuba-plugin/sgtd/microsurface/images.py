@@ -32,8 +32,8 @@ def read_image(path: Path, sidecar: dict[str, Any]) -> HeightMap:
         heights_of = sidecar.get("png")
         if not heights_of:
             raise UserError(
-                f"{path}: what heights its gray values are is not known: its sidecar NAME.json must have"
-                ' "spacing": [DX, DY] and "png": {"low": ..., "high": ...}, the heights of black and white'
+                f"{path}: what heights its gray values are is not known: give --gray LOW HIGH, the heights of black and white, "
+                "in the unit of the spacing"
             )
         low, high = float(heights_of["low"]), float(heights_of["high"])
         steps = float(np.iinfo(pixels.dtype).max)

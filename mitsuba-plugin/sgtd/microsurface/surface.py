@@ -175,17 +175,22 @@ class Surface:
         return dataclasses.replace(self, heights=heights)
 
 
-def read_heights(path: Path, spacing: tuple[float, float] | None = None, level: bool = False) -> Surface:
+def read_heights(
+    path: Path,
+    spacing: tuple[float, float] | None = None,
+    level: bool = False,
+    gray: tuple[float, float] | None = None,
+) -> Surface:
     """Reads a height map of any kind that ``sgtd.microsurface.files`` lists.
 
     ``spacing``, the distances of points in the unit of heights, goes before that of the sidecar, and that before the file's own. ``level``
-    takes off the mean slope. What is not known is asked for in an error.
+    takes off the mean slope. ``gray`` are the heights of black and white in an image of whole numbers. What is not known is asked for in an error.
     """
     if not path.is_file():
         raise UserError(f"{path}: there is no such file")
     sidecar = files.read_sidecar(path)
     try:
-        raw = files.read(path, sidecar)
+        raw = files.read(path, {**sidecar, "png": {"low": gray[0], "high": gray[1]}} if gray else sidecar)
     except OSError as error:
         raise UserError(f"{path}: {os_reason(error)}") from error
     told = sidecar.get("spacing")
