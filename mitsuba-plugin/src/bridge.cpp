@@ -125,11 +125,12 @@ private:
     std::atomic<Slots *> m_slots = nullptr;
 };
 
-using NdfKey = std::tuple<double, double, double, double, double, bool>;
+/// A distribution, its accuracy, and whether it has visible normals.
+using NdfKey = std::tuple<std::string, double, bool>;
 Shared<NdfKey, Ndf> shared_ndfs;
 
 /// The pair is (0, 0) for tables of every isotropic roughness.
-using MissingEnergyKey = std::tuple<double, double, double, double, double, bool, double, double>;
+using MissingEnergyKey = std::tuple<std::string, double, bool, double, double>;
 Shared<MissingEnergyKey, MissingEnergy> shared_missing_energies;
 
 /// Runs in the child of every fork, where only stores are safe.
@@ -172,23 +173,107 @@ size_t first_outside(Slice<const double> x, double low, double high) {
     return sgtd::first_outside(to_core(x), low, high);
 }
 
+struct Radial::Impl {
+    rust::Box<sgtd::Radial> core;
+};
+
+Radial::Radial(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {
+    rust::Slice<const uint8_t> key = m_impl->core->key();
+    m_key.assign(reinterpret_cast<const char *>(key.data()), key.size());
+}
+Radial::~Radial() = default;
+
+Radial::Pointer Radial::family(const Shape &shape) {
+    return checked([&] {
+        return Pointer(
+            new Radial(std::make_unique<Impl>(Impl{ sgtd::radial_of_shape(shape.numbers()) })));
+    });
+}
+
+Radial::Pointer Radial::table(const TableSource &source) {
+    return checked([&] {
+        sgtd::TableSource to;
+        for (double place : source.places)
+            to.places.push_back(place);
+        for (double value : source.values)
+            to.values.push_back(value);
+        to.by_angles     = source.by_angles;
+        to.quantity      = source.quantity;
+        to.tail          = source.tail;
+        to.tail_exponent = given(source.tail_exponent);
+        to.knee          = given(source.knee);
+        to.path          = source.path;
+        return Pointer(new Radial(std::make_unique<Impl>(Impl{ sgtd::radial_of_table(to) })));
+    });
+}
+
+TableSource TableSource::read(std::string_view path, std::string_view quantity,
+                              std::string_view tail, std::optional<double> tail_exponent) {
+    return checked([&] {
+        sgtd::TableSource from =
+            sgtd::read_table(to_core(path), to_core(quantity), to_core(tail), given(tail_exponent));
+        auto number = [](const sgtd::Given &x) {
+            return x.set ? std::optional<double>(x.value) : std::nullopt;
+        };
+        return TableSource{ { from.places.begin(), from.places.end() },
+                            from.by_angles,
+                            { from.values.begin(), from.values.end() },
+                            std::string(from.quantity),
+                            std::string(from.tail),
+                            number(from.tail_exponent),
+                            number(from.knee),
+                            std::string(from.path) };
+    });
+}
+
+Radial::Pointer Radial::mixture(const std::vector<Part> &parts) {
+    return checked([&] {
+        rust::Box<sgtd::Parts> to = sgtd::new_parts();
+        for (const Part &part : parts)
+            to->add(part.weight, part.alpha, *part.radial->m_impl->core);
+        return Pointer(new Radial(std::make_unique<Impl>(Impl{ sgtd::radial_of_mixture(*to) })));
+    });
+}
+
+Radial::Pointer Radial::resampled(size_t nodes) const {
+    return checked([&] {
+        return Pointer(new Radial(std::make_unique<Impl>(Impl{ m_impl->core->resampled(nodes) })));
+    });
+}
+
+bool Radial::is_family() const { return m_impl->core->kind() == sgtd::Kind::Family; }
+bool Radial::is_table() const { return m_impl->core->kind() == sgtd::Kind::Table; }
+double Radial::width() const { return m_impl->core->width(); }
+
+std::vector<double> Radial::slopes() const {
+    rust::Vec<double> slopes = m_impl->core->slopes();
+    return { slopes.begin(), slopes.end() };
+}
+
+std::vector<double> Radial::slope_densities() const {
+    rust::Vec<double> densities = m_impl->core->slope_densities();
+    return { densities.begin(), densities.end() };
+}
+
+double Radial::knee() const { return m_impl->core->ends().knee; }
+double Radial::tail_exponent() const { return m_impl->core->ends().tail_exponent; }
+
 struct Ndf::Impl {
     rust::Box<sgtd::Ndf> core;
-    Shape shape;
+    std::string key;
     double accuracy;
 };
 
 Ndf::Ndf(std::unique_ptr<Impl> impl) : m_impl(std::move(impl)) {}
 Ndf::~Ndf() = default;
 
-std::shared_ptr<const Ndf> Ndf::get(const Shape &shape, double accuracy, bool visible) {
-    return shared_ndfs.get(
-        { shape.gamma, shape.p, shape.lambda, shape.shift, accuracy, visible }, [&] {
-            rust::Box<sgtd::Ndf> core =
-                checked([&] { return sgtd::new_ndf(shape.numbers(), accuracy, visible); });
-            return std::shared_ptr<const Ndf>(
-                new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core), shape, accuracy })));
-        });
+std::shared_ptr<const Ndf> Ndf::get(const Radial &radial, double accuracy, bool visible) {
+    return shared_ndfs.get({ radial.key(), accuracy, visible }, [&] {
+        rust::Box<sgtd::Ndf> core =
+            checked([&] { return sgtd::new_ndf(*radial.m_impl->core, accuracy, visible); });
+        return std::shared_ptr<const Ndf>(
+            new Ndf(std::unique_ptr<Impl>(new Impl{ std::move(core), radial.key(), accuracy })));
+    });
 }
 
 Tables Ndf::tables() const {
@@ -205,6 +290,10 @@ Tables Ndf::tables() const {
     result.visible_cells    = header.visible_cells;
     result.lambda           = { lambda.data(), lambda.size() };
     result.visible          = { visible.data(), visible.size() };
+    result.cells            = { m_impl->core->cells().data(), m_impl->core->cells().size() };
+    result.precise_cells    = { m_impl->core->precise_cells().data(),
+                                m_impl->core->precise_cells().size() };
+    result.by_odds          = header.by_odds;
     return result;
 }
 
@@ -230,17 +319,14 @@ static std::shared_ptr<const MissingEnergy> to_host(const sgtd::AlbedoTable &cor
 }
 
 std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated) const {
-    const Shape &shape = m_impl->shape;
     return shared_missing_energies.get(
-        { shape.gamma, shape.p, shape.lambda, shape.shift, m_impl->accuracy, correlated, 0.0, 0.0 },
+        { m_impl->key, m_impl->accuracy, correlated, 0.0, 0.0 },
         [&] { return to_host(*sgtd::new_isotropic_albedo(*m_impl->core, correlated)); });
 }
 
 std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated, double alpha_u,
                                                          double alpha_v) const {
-    const Shape &shape = m_impl->shape;
-    return shared_missing_energies.get({ shape.gamma, shape.p, shape.lambda, shape.shift,
-                                         m_impl->accuracy, correlated, alpha_u, alpha_v },
+    return shared_missing_energies.get({ m_impl->key, m_impl->accuracy, correlated, alpha_u, alpha_v },
                                        [&] {
                                            return checked([&] {
                                                return to_host(*sgtd::new_anisotropic_albedo(

@@ -94,6 +94,66 @@ struct ReflectionSample {
 /// Lower values cost time, higher ones accuracy.
 constexpr double Steep = 38.0;
 
+/// A table as the user gives it.
+struct TableSource {
+    /// Angles in degrees, or slopes
+    std::vector<double> places;
+    bool by_angles = false;
+    std::vector<double> values;
+    /// D, D_cos or slope; power or cut
+    std::string quantity = "D", tail = "power";
+    std::optional<double> tail_exponent, knee;
+    /// The file it is from, for errors
+    std::string path;
+
+    /// What a file says; texts that are not empty and a number that is given come first.
+    static TableSource read(std::string_view path, std::string_view quantity, std::string_view tail,
+                            std::optional<double> tail_exponent);
+};
+
+/// What a distribution is made from: a member of the family, a table, or a mixture of these.
+/// Immutable; equal keys are equal distributions.
+class Radial {
+public:
+    using Pointer = std::shared_ptr<const Radial>;
+
+    static Pointer family(const Shape &shape);
+    static Pointer table(const TableSource &source);
+
+    struct Part {
+        double weight, alpha;
+        Pointer radial;
+    };
+    static Pointer mixture(const std::vector<Part> &parts);
+
+    /// The same as a table of so many nodes.
+    Pointer resampled(size_t nodes) const;
+
+    ~Radial();
+    Radial(const Radial &)            = delete;
+    Radial &operator=(const Radial &) = delete;
+
+    bool is_family() const;
+    bool is_table() const;
+    /// The roughness at which a table or mixture is as it was given; 1 for the family.
+    double width() const;
+    const std::string &key() const { return m_key; }
+
+    /// Of a table as it was given: slopes and densities there, knee, and the exponent of its tail
+    /// (0 if it is cut).
+    std::vector<double> slopes() const;
+    std::vector<double> slope_densities() const;
+    double knee() const;
+    double tail_exponent() const;
+
+private:
+    friend class Ndf;
+    struct Impl;
+    explicit Radial(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> m_impl;
+    std::string m_key;
+};
+
 /// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
 struct Tables {
     double normalization, scale, accuracy_reached;
@@ -101,6 +161,11 @@ struct Tables {
     double steepness;
     uint32_t lambda_entries, visible_rows, visible_cells;
     Slice<const float> lambda, visible;
+    /// Cells of a profile that is no member of the family, and the same in double precision
+    Slice<const float> cells;
+    Slice<const double> precise_cells;
+    /// Are visible normals drawn over the odds F / (1 - F) instead of the squared slope?
+    bool by_odds;
 };
 
 /// What single scattering loses: numbers and an array from which 1 - E can be evaluated.
@@ -190,11 +255,14 @@ struct Goniometer {
     void reflectance(Slice<const double> incident, Slice<double> out) const;
 };
 
-/// One validated shape with its tables. Roughness is an argument of every method (at least 1e-4).
+/// One distribution with its tables. Roughness is an argument of every method (at least 1e-4).
 class Ndf {
 public:
     /// Equal arguments share one object for as long as somebody holds it. Thread safe.
-    static std::shared_ptr<const Ndf> get(const Shape &shape, double accuracy, bool visible);
+    static std::shared_ptr<const Ndf> get(const Radial &radial, double accuracy, bool visible);
+    static std::shared_ptr<const Ndf> get(const Shape &shape, double accuracy, bool visible) {
+        return get(*Radial::family(shape), accuracy, visible);
+    }
 
     ~Ndf();
     Ndf(const Ndf &)            = delete;

@@ -3,6 +3,8 @@
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include "python_arrays.h"
 
@@ -13,6 +15,8 @@ namespace nb = nanobind;
 using namespace nb::literals;
 using sgtd::host::Ndf;
 using sgtd::host::Node;
+using sgtd::host::Radial;
+using sgtd::host::TableSource;
 using sgtd::host::Shape;
 using sgtd::python::Array;
 using sgtd::python::in;
@@ -106,12 +110,100 @@ NB_MODULE(_core, m) {
         },
         "x"_a, "low"_a, "high"_a, "Index of the first number of x that is not in [low, high].");
 
-    nb::class_<Ndf>(m, "Ndf", "A validated shape with its tables.")
+    nb::class_<TableSource>(m, "TableSource", "A table as the user gives it.")
+        .def(
+            "__init__",
+            [](TableSource *self, const Array &places, bool by_angles, const Array &values,
+               std::string quantity, std::string tail, std::optional<double> tail_exponent,
+               std::optional<double> knee, std::string path) {
+                new (self) TableSource{ { places.data(), places.data() + places.size() },
+                                        by_angles,
+                                        { values.data(), values.data() + values.size() },
+                                        std::move(quantity),
+                                        std::move(tail),
+                                        tail_exponent,
+                                        knee,
+                                        std::move(path) };
+            },
+            "places"_a, "by_angles"_a, "values"_a, "quantity"_a = "D", "tail"_a = "power",
+            "tail_exponent"_a = nb::none(), "knee"_a = nb::none(), "path"_a = "")
+        .def_static("read", &TableSource::read, "path"_a, "quantity"_a = "", "tail"_a = "",
+                    "tail_exponent"_a = nb::none(),
+                    "From a .csv or .npz file; what is left out is what the file says.")
+        .def_prop_ro(
+            "places", [](const TableSource &source) { return Output(source.places).release(); },
+            nb::rv_policy::move)
+        .def_ro("by_angles", &TableSource::by_angles)
+        .def_prop_ro(
+            "values", [](const TableSource &source) { return Output(source.values).release(); },
+            nb::rv_policy::move)
+        .def_ro("quantity", &TableSource::quantity)
+        .def_ro("tail", &TableSource::tail)
+        .def_ro("tail_exponent", &TableSource::tail_exponent)
+        .def_ro("knee", &TableSource::knee)
+        .def_ro("path", &TableSource::path);
+
+    // Objects are shared and have no method that changes them
+    auto shared = [](const Radial::Pointer &radial) {
+        return std::const_pointer_cast<Radial>(radial);
+    };
+    nb::class_<Radial>(m, "Radial",
+                       "What a distribution is made from: a member of the family, a table, or a "
+                       "mixture of these.")
+        .def_static(
+            "family", [=](const Shape &shape) { return shared(Radial::family(shape)); }, "shape"_a)
+        .def_static(
+            "table",
+            [=](const TableSource &source) {
+                nb::gil_scoped_release unlocked;
+                return shared(Radial::table(source));
+            },
+            "source"_a)
+        .def_static(
+            "mixture",
+            [=](const std::vector<std::tuple<double, double, std::shared_ptr<Radial>>> &given) {
+                std::vector<Radial::Part> parts;
+                for (const auto &[weight, alpha, radial] : given)
+                    parts.push_back({ weight, alpha, radial });
+                return shared(Radial::mixture(parts));
+            },
+            "parts"_a, "Weights, roughnesses and distributions.")
+        .def(
+            "resampled",
+            [=](const Radial &radial, size_t nodes) {
+                nb::gil_scoped_release unlocked;
+                return shared(radial.resampled(nodes));
+            },
+            "nodes"_a, "The same as a table of so many nodes.")
+        .def_prop_ro("is_family", &Radial::is_family)
+        .def_prop_ro("is_table", &Radial::is_table)
+        .def_prop_ro("width", &Radial::width,
+                     "The roughness at which a table or mixture is as it was given.")
+        .def_prop_ro("key", [](const Radial &radial) {
+            return nb::bytes(radial.key().data(), radial.key().size());
+        })
+        .def_prop_ro(
+            "slopes", [](const Radial &radial) { return Output(radial.slopes()).release(); },
+            nb::rv_policy::move)
+        .def_prop_ro(
+            "slope_densities",
+            [](const Radial &radial) { return Output(radial.slope_densities()).release(); },
+            nb::rv_policy::move)
+        .def_prop_ro("knee", &Radial::knee)
+        .def_prop_ro("tail_exponent", &Radial::tail_exponent, "0 if the table is cut.");
+
+    nb::class_<Ndf>(m, "Ndf", "A distribution with its tables.")
+        .def_static(
+            "get",
+            [](const Radial &radial, double accuracy, bool visible) {
+                nb::gil_scoped_release unlocked;
+                return std::const_pointer_cast<Ndf>(Ndf::get(radial, accuracy, visible));
+            },
+            "radial"_a, "accuracy"_a, "visible"_a = true)
         .def_static(
             "get",
             [](const Shape &shape, double accuracy, bool visible) {
                 nb::gil_scoped_release unlocked;
-                // The object is shared and has no method that changes it
                 return std::const_pointer_cast<Ndf>(Ndf::get(shape, accuracy, visible));
             },
             "shape"_a, "accuracy"_a, "visible"_a = true)
@@ -119,10 +211,13 @@ NB_MODULE(_core, m) {
         .def_prop_ro("accuracy_reached",
                      [](const Ndf &ndf) { return ndf.tables().accuracy_reached; })
         .def_prop_ro("steepness", [](const Ndf &ndf) { return ndf.tables().steepness; })
+        .def_prop_ro("by_odds", [](const Ndf &ndf) { return ndf.tables().by_odds; },
+                     "Are visible normals tabulated over the odds of the profile?")
         .def_prop_ro("table_bytes",
                      [](const Ndf &ndf) {
                          auto tables = ndf.tables();
-                         return (tables.lambda.size + tables.visible.size) * sizeof(float);
+                         return (tables.lambda.size + tables.visible.size + tables.cells.size) *
+                                sizeof(float);
                      })
         .def(
             "missing_energy",

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <memory>
+#include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -23,6 +25,10 @@ inline host::Slice<const double> in(const Array &array) { return { array.data(),
 class Output {
 public:
     explicit Output(size_t size) : m_data(new double[size]), m_size(size) {}
+
+    explicit Output(const std::vector<double> &values) : Output(values.size()) {
+        std::copy(values.begin(), values.end(), m_data.get());
+    }
 
     host::Slice<double> out() { return { m_data.get(), m_size }; }
 

@@ -22,6 +22,7 @@
 
 #include "facets.h"
 #include "frozen_choice.h"
+#include "radial_source.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -42,6 +43,7 @@ public:
         } else {
             cb->put("alpha", m_alpha_u, rough);
         }
+        m_source.traverse(cb);
         for (size_t i = 0; i < Count; ++i)
             if (m_parameters[i].free)
                 cb->put(m_parameters[i].name, m_shown[i], ParamFlags::NonDifferentiable);
@@ -49,8 +51,12 @@ public:
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
         try {
-            const std::vector<std::optional<double>> numbers = check_textures(keys);
-            bool shape                                       = read_parameters(keys);
+            std::vector<std::optional<double>> numbers = check_textures(keys);
+            bool shape                                 = read_parameters(keys);
+            if (m_source && m_source.update(keys)) {
+                update_source();
+                numbers[0] = m_watched[0].last; // it may have followed
+            }
             if (m_parameters[Offset].is_mu && changed(keys, "alpha")) {
                 if (recording<Float>() && !keys.empty())
                     Throw("parameter \"mu\" is given, so the shape depends on \"alpha\", which "
@@ -85,8 +91,14 @@ protected:
     /// `reflects_only`: may normals be left out whose reflection is below the horizon?
     SgtdBSDF(const Properties &props, bool reflects_only)
         : Base(props), m_plugin(props.plugin_name()) {
+        m_row = string::to_lower(props.get<std::string_view>("distribution", "sgtd"));
+        if (RadialSource<Float>::is_one(m_row)) {
+            m_source.read(m_row, props);
+            m_parameters[Offset].free = false;
+        }
         read_roughness(props);
-        read_shape(props);
+        if (!m_source)
+            read_shape(props);
 
         m_sample_visible = props.get<bool>("sample_visible", true);
         m_can_bound      = reflects_only && m_sample_visible;
@@ -103,7 +115,10 @@ protected:
         if (!(m_accuracy >= 0.0 && m_accuracy <= 0.1))
             Throw("parameter \"accuracy\" is %s, but must be between 0 and 0.1", m_accuracy);
 
-        update_shape();
+        if (m_source)
+            update_source();
+        else
+            update_shape();
     }
 
     // ------------------------------------------------------------------
@@ -195,6 +210,7 @@ protected:
                 watched.texture->parameters_changed({ "value" });
             }
         show_parameters();
+        m_source.show();
     }
 
     /// Does a list of changes, which is empty if nothing is known, have a name in it?
@@ -273,12 +289,13 @@ protected:
     /// Writes the lines of to_string() that all BSDFs have.
     void describe(std::ostream &os) const {
         os << "  distribution = " << m_row << "," << std::endl;
+        m_source.describe(os);
         for (const Parameter &parameter : m_parameters)
             if (parameter.free)
                 os << "  " << parameter.name << " = " << parameter.value << "," << std::endl;
         os << "  masking = " << (m_height_correlated ? "height_correlated" : "separable") << ","
            << std::endl
-           << "  sample_visible = " << m_sample_visible << "," << std::endl;
+           << "  sample_visible = " << (bool) m_sample_visible << "," << std::endl;
         if (m_bounded_asked)
             os << "  sample_bounded = " << *m_bounded_asked << "," << std::endl;
         os << "  accuracy = " << m_accuracy << "," << std::endl
@@ -301,7 +318,9 @@ private:
             m_alpha_u = props.get_unbounded_texture<Texture>("alpha_u");
             m_alpha_v = props.get_unbounded_texture<Texture>("alpha_v");
         } else {
-            m_alpha_u = m_alpha_v = props.get_unbounded_texture<Texture>("alpha", 0.1f);
+            m_alpha_u = m_alpha_v =
+                props.get_unbounded_texture<Texture>("alpha", m_source ? width() : 0.1f);
+            m_alpha_of_source = m_source && !props.has_property("alpha");
         }
         m_anisotropic = m_alpha_u != m_alpha_v;
         watch(m_anisotropic ? "alpha_u" : "alpha", m_alpha_u.get());
@@ -310,7 +329,6 @@ private:
     }
 
     void read_shape(const Properties &props) {
-        m_row = string::to_lower(props.get<std::string_view>("distribution", "sgtd"));
         for (Parameter &parameter : m_parameters)
             if (props.has_property(parameter.name)) {
                 parameter.value = props.get<double>(parameter.name);
@@ -393,6 +411,38 @@ private:
         }
     }
 
+    /// The roughness at which a table or a mixture is as it was given.
+    float width() const { return (float)m_source.radial()->width(); }
+
+    /// Makes the tables of a distribution that is not of the family.
+    void update_source() {
+        try {
+            m_ndf = sgtd::host::Ndf::get(*m_source.radial(),
+                                         SgtdTables<Float>::accuracy(m_accuracy), m_sample_visible);
+        } catch (const std::invalid_argument &error) {
+            Throw("%s", error.what());
+        }
+        m_node           = { { 2.0, 1.0, 0.0, 0.0 }, 1.0 };
+        m_tables         = SgtdTables<Float>::load(*m_ndf, m_node, m_accuracy);
+        m_builtin        = false;
+        m_beckmann       = false;
+        m_builtin_scaled = false;
+        m_sample_bounded = m_can_bound && m_bounded_asked.value_or(true);
+        m_steep          = m_tables.steep;
+        m_cells          = m_tables.by_cells;
+        m_odds           = m_tables.by_odds;
+        // A roughness that nobody gave follows the table, until somebody changes it
+        if (m_alpha_of_source && m_width != width()) {
+            if (m_width != 0.f && constant(m_alpha_u.get()) == (double)m_width) {
+                Writer writer(width());
+                m_alpha_u->traverse(&writer);
+                m_alpha_u->parameters_changed({ "value" });
+                m_watched[0].last = constant(m_alpha_u.get());
+            }
+            m_width = width();
+        }
+    }
+
     /// Makes the tables for the current parameters; if they are refused, restores the parameters
     /// and throws.
     void update_shape() {
@@ -430,6 +480,8 @@ private:
             m_beckmann       = path == sgtd::host::CodePath::Beckmann;
             m_builtin_scaled = builtin && reduced.alpha_scale != 1.0;
             m_steep          = tables.steep;
+            m_cells          = false;
+            m_odds           = false;
             m_ndf            = std::move(ndf);
             m_tables         = std::move(tables);
             m_node           = reduced;
@@ -561,6 +613,8 @@ protected:
     FrozenChoice<Float> m_builtin_scaled;
     /// The choice that the tables hold
     FrozenChoice<Float> m_steep;
+    /// Is the distribution a table or a mixture, and are its visible normals drawn over the odds?
+    FrozenChoice<Float> m_cells, m_odds;
     std::shared_ptr<const sgtd::host::Ndf> m_ndf;
     SgtdTables<Float> m_tables;
     /// The lowest node that the numbers allow, and the factor on the user's roughness there
@@ -583,6 +637,12 @@ private:
     /// The same for traverse(). Values stay in double precision: what was given is not rounded.
     Float m_shown[Count];
 
+    /// What the distribution is if it is none of the family
+    RadialSource<Float> m_source;
+    /// Is the roughness that of the source, and what was that?
+    bool m_alpha_of_source = false;
+    float m_width          = 0.f;
+
     std::string m_plugin;
     std::vector<Watched> m_watched;
 
@@ -595,8 +655,8 @@ private:
 
     // Choices first: see FrozenChoice
     MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_sample_bounded,
-                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_shown, m_alpha_u, m_alpha_v,
-                   m_tables)
+                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_shown, m_alpha_u, m_alpha_v,
+                   m_tables, m_source.m_shown)
 };
 
 NAMESPACE_END(mitsuba)

@@ -72,7 +72,7 @@ public:
             if (!by_core()) {
                 Facet facet(*this, wi + wo);
                 Float root =
-                    m_tables.steep ? steep_sqrt_f(wi, wo) : m_tables.profile.sqrt_f(facet.square());
+                    m_tables.steep ? steep_sqrt_f(wi, wo) : m_tables.sqrt_f(facet.square());
                 z = facet.cos;
                 d = dr::minimum(density(root, dr::square(facet.sec)), GreatestD);
                 return dr::select(d * z > 1e-20f, d, 0.f);
@@ -251,7 +251,7 @@ private:
         Double inv_z = dr::rcp(dr::maximum(Double(wi.z()) + Double(wo.z()), (double)LeastCos)),
                x     = (Double(wi.x()) + Double(wo.x())) * inv_z / alpha(m_given_u),
                y     = (Double(wi.y()) + Double(wo.y())) * inv_z / alpha(m_given_v);
-        return Float(m_tables.precise.sqrt_f(dr::fmadd(x, x, dr::square(y))));
+        return Float(m_tables.precise_sqrt_f(dr::fmadd(x, x, dr::square(y))));
     }
 
     /// d(slope area) / d(solid angle), stretched: 1 / (alpha_u alpha_v cos^3)
@@ -399,14 +399,15 @@ private:
     }
 
     Sample sample(const View &view, const Point2f &u) const {
-        Float sin_phi, cos_phi, azimuthal, radial, y;
+        Float sin_phi, cos_phi, azimuthal, radial, y, root;
         if (m_normals == Normals::All) {
-            std::tie(y, radial)        = sample_radius(view.row, u.x());
+            std::tie(y, radial, root)  = sample_radius(view.row, u.x());
             std::tie(sin_phi, cos_phi) = dr::sincos(dr::TwoPi<Float> * u.y());
             azimuthal                  = dr::InvPi<Float>;
         } else {
             bool bounded        = m_normals == Normals::Reflecting;
-            std::tie(y, radial) = sample_radius(view.row, bounded ? u.x() * view.share : u.x());
+            std::tie(y, radial, root) =
+                sample_radius(view.row, bounded ? u.x() * view.share : u.x());
             if (bounded)
                 radial /= view.share;
             Azimuth<Float> range    = azimuth(view, y);
@@ -424,8 +425,7 @@ private:
         Float rho = dr::sqrt(dr::maximum(y, 1e-20f));
         Vector3f m(m_alpha_u * rho * cos_phi, m_alpha_v * rho * sin_phi, 1.f);
         Float square = dr::squared_norm(m), cos = dr::rsqrt(square), sec = square * cos,
-              stretched = radial * azimuthal, root = m_tables.profile.sqrt_f(y),
-              d = density(root, square);
+              stretched = radial * azimuthal, d = density(root, square);
         m *= cos;
         Mask valid = stretched > 1e-36f && d > 1e-20f * sec;
         // f / stretched: inside a ring both are so small that the derivative, which has the
@@ -592,8 +592,24 @@ private:
     /// The last cell: normals so steep that their reflection is below the horizon. Never drawn.
     static constexpr uint32_t LostCell = Tables::Cells - 1;
 
-    /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost.
-    std::pair<Float, Float> sample_radius(const Row &row, const Float &u) const {
+    /// The rate of the odds y = F / (1 - F) in rho^2.
+    Float odds_rate(const Float &sqrt_f, const Float &odds) const {
+        Float root = sqrt_f * (1.f + odds);
+        return dr::Pi<Float> * m_tables.factor * dr::square(root);
+    }
+
+    /// Draws y = rho^2; returns it with its density, which is 0 if the sample is lost, and with the
+    /// square root of f.
+    std::tuple<Float, Float, Float> sample_radius(const Row &row, const Float &u) const {
+        auto [y, density] = sample_spline(row, u);
+        if (!m_tables.by_odds)
+            return { y, density, m_tables.sqrt_f(y) };
+        auto [square, sqrt_f] = m_tables.cells.draw(y);
+        return { square, density * odds_rate(sqrt_f, y), sqrt_f };
+    }
+
+    /// Draws what the spline is over; returns it with its density, which is 0 if it is lost.
+    std::pair<Float, Float> sample_spline(const Row &row, const Float &u) const {
         Float target   = 1.f - u;
         Place place    = find([&](const UInt32 &k) { return mass_block(row, k); },
                            [&](const Float &mass) { return mass >= target; });
@@ -614,7 +630,8 @@ private:
     /// The share of what `sample_radius` draws that is below y. Masses are counted from above, so
     /// what is left of 1 cannot be smaller than LeastShare and still be divided; the rest is drawn
     /// in vain.
-    Float share_below(const Row &row, const Float &y) const {
+    Float share_below(const Row &row, const Float &square) const {
+        Float y      = m_tables.by_odds ? m_tables.cells.at(square).odds : square;
         Place place  = place_of(y);
         UInt32 index = (row.index + 1u) * Tables::RowSize + place.cell + Tables::Block;
         Float above  = Tables::template read<Float>(m_tables.visible, index);
@@ -626,8 +643,16 @@ private:
         return dr::maximum(1.f - above + dr::select(place.cell == LostCell, 0.f, part), LeastShare);
     }
 
-    /// Density of y under `sample_radius`.
+    /// Density of y = rho^2 under `sample_radius`.
     Float radial_pdf(const Row &row, const Float &y) const {
+        if (!m_tables.by_odds)
+            return spline_pdf(row, y);
+        auto [sqrt_f, odds] = m_tables.cells.at(y);
+        return spline_pdf(row, odds) * odds_rate(sqrt_f, odds);
+    }
+
+    /// Density of y under `sample_spline`.
+    Float spline_pdf(const Row &row, const Float &y) const {
         Place place = place_of(y);
         Cell cell   = cell_at(row, place.cell, place.right - place.left);
         Float tau   = share((y - place.left) / cell.width);

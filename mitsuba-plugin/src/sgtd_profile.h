@@ -5,6 +5,7 @@
 #include <mitsuba/core/fwd.h>
 
 #include "bridge.h"
+#include "powers.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -68,66 +69,13 @@ private:
         return power(exponent, split.octave, times * log2_ratio(r));
     }
 
-    using UInt = dr::uint_array_t<Value>;
-    using Int  = dr::int_array_t<Value>;
+    using Split = typename Powers<Value>::Split;
 
-    static constexpr bool Single      = sizeof(Scalar) == 4;
-    static constexpr int MantissaBits = Single ? 23 : 52, Bias = Single ? 127 : 1023;
-    /// Bits of the square root of 1/2
-    static constexpr dr::scalar_t<Int> LeastMantissa =
-        Single ? (dr::scalar_t<Int>)0x3f3504f3 : (dr::scalar_t<Int>)0x3fe6a09e667f3bcd;
-
-    /// A positive number as 2^octave (1 + r), with 1 + r between the square roots of 1/2 and 2.
-    struct Split {
-        Value octave, r;
-
-        explicit Split(const Value &x) {
-            Int n =
-                (Int(dr::reinterpret_array<UInt>(dr::detach(x))) - LeastMantissa) >> MantissaBits;
-            octave = Value(n);
-            r      = dr::fmsub(x, power_of_2(-n), (Scalar)1);
-        }
-    };
-
-    /**
-     * 2^(exponent octave + rest).
-     *
-     * A sum of 40 would be off by 2e-6 from its rounding alone, which a large gamma magnifies: its
-     * whole part is kept apart.
-     */
     static Value power(const Value &exponent, const Value &octave, const Value &rest) {
-        Value high = exponent * octave, low = dr::fmsub(exponent, octave, high),
-              whole = dr::round(high), part = (high - whole) + (low + rest), n = dr::round(part),
-              e = dr::minimum(dr::maximum(whole + n, (Scalar)-Bias), (Scalar)Bias);
-        return exp2(part - n) * power_of_2(Int(e));
+        return Powers<Value>::power(exponent, octave, rest);
     }
 
-    /// 2^n for -Bias <= n <= Bias, where the first of these is 0.
-    static Value power_of_2(const Int &n) {
-        return dr::reinterpret_array<Value>(UInt(n + Bias) << MantissaBits);
-    }
-
-    /// log2(1 + r) / r for 1 + r between the square roots of 1/2 and 2, a minimax polynomial in
-    /// single precision: dr::log2() spends half its time on all other numbers.
-    static Value log2_ratio(const Value &r) {
-        if constexpr (Single) {
-            return dr::estrin(r, 1.44269502f, -.721347332f, .480910629f, -.360703677f, .287916243f,
-                              -.238944814f, .215715617f, -.207269818f, .125837058f);
-        } else {
-            Mask tiny = dr::abs(r) < 1e-8;
-            return dr::select(tiny, dr::fnmadd(.5 * dr::InvLogTwo<Value>, r, dr::InvLogTwo<Value>),
-                              dr::log2(1 + r) / dr::select(tiny, 1, r));
-        }
-    }
-
-    /// Of a number between -1/2 and 1/2, a minimax polynomial in single precision.
-    static Value exp2(const Value &x) {
-        if constexpr (Single)
-            return dr::estrin(x, 1.f, .693147182f, .240226462f, .0555032864f, .00961848907f,
-                              .00133999309f, .000153458124f);
-        else
-            return dr::exp2(x);
-    }
+    static Value log2_ratio(const Value &r) { return Powers<Value>::log2_ratio(r); }
 
 public:
     DRJIT_STRUCT(SgtdProfile, inv_gamma_1, gamma, p, shift, inv_outer, inv_inner)

@@ -6,6 +6,7 @@
 #include <mitsuba/core/fwd.h>
 #include <mitsuba/core/logger.h>
 
+#include "piecewise_profile.h"
 #include "sgtd_profile.h"
 
 NAMESPACE_BEGIN(mitsuba)
@@ -46,6 +47,13 @@ template <typename Float_> struct SgtdTables {
     /// The same and the factor in double precision; made only if `steep`
     SgtdProfile<Double> precise;
     Double precise_scale;
+    /// What stands for the profile of the family if there is a table or a mixture instead, and the
+    /// same in double precision
+    PiecewiseProfile<Float> cells;
+    PiecewiseProfile<Double> precise_cells;
+    bool by_cells = false;
+    /// Are visible normals tabulated over the odds of the profile, not over rho^2?
+    bool by_odds = false;
     /// Does the rounding of a slope in single precision change D by more than about 1e-5?
     bool steep = false;
     /// The b of the row coordinate a / (a + b) of the visible-normal table
@@ -89,10 +97,18 @@ template <typename Float_> struct SgtdTables {
                       "built for; rebuild the package.");
             result.alpha_scale = (float)row.alpha_scale;
             result.factor      = (float)(tables.normalization / dr::Pi<double>);
-            result.profile     = SgtdProfile<Float>::load(shape);
-            result.steep       = tables.steepness > sgtd::host::Steep;
+            result.by_cells    = tables.cells.size > 0;
+            result.by_odds     = tables.by_odds;
+            if (result.by_cells)
+                result.cells = PiecewiseProfile<Float>::load(tables.cells);
+            else
+                result.profile = SgtdProfile<Float>::load(shape);
+            result.steep = tables.steepness > sgtd::host::Steep;
             if (result.steep) {
-                result.precise       = SgtdProfile<Double>::load(shape);
+                if (result.by_cells)
+                    result.precise_cells = PiecewiseProfile<Double>::load(tables.precise_cells);
+                else
+                    result.precise = SgtdProfile<Double>::load(shape);
                 result.precise_scale = row.alpha_scale;
                 dr::make_opaque(result.precise_scale);
             }
@@ -108,6 +124,13 @@ template <typename Float_> struct SgtdTables {
         return result;
     }
 
+    /// The square root of f at y = rho^2.
+    Float sqrt_f(const Float &y) const { return by_cells ? cells.sqrt_f(y) : profile.sqrt_f(y); }
+
+    Double precise_sqrt_f(const Double &y) const {
+        return by_cells ? precise_cells.sqrt_f(y) : precise.sqrt_f(y);
+    }
+
     /// Neighboring numbers of a table: as many as `Value` has, from a multiple of that on.
     template <typename Value> static Value read(const FloatBuffer &table, const UInt32 &index) {
         if constexpr (dr::is_jit_v<Float>) {
@@ -121,8 +144,8 @@ template <typename Float_> struct SgtdTables {
         }
     }
 
-    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, precise_scale, scale, lambda,
-                 visible)
+    DRJIT_STRUCT(SgtdTables, alpha_scale, factor, profile, precise, precise_scale, cells,
+                 precise_cells, scale, lambda, visible)
 };
 
 NAMESPACE_END(mitsuba)

@@ -183,7 +183,8 @@ public:
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
-        const sgtd::host::RowShape before = m_node;
+        const sgtd::host::RowShape before                 = m_node;
+        const std::shared_ptr<const sgtd::host::Ndf> held = m_ndf;
         Base::parameters_changed(keys);
         for (const char *name : { "alpha_u", "alpha_v" })
             if (m_missing_energy.fixed && recording<Float>() && string::contains(keys, name))
@@ -192,7 +193,7 @@ public:
                       "before the call",
                       name);
         bool pair = changed(keys, "alpha_u") || changed(keys, "alpha_v");
-        if (!(m_node == before) || (m_missing_energy.fixed && pair && !recording<Float>()))
+        if (!(m_node == before) || m_ndf != held || (m_missing_energy.fixed && pair && !recording<Float>()))
             update_missing_energy();
         update_flags();
     }
@@ -272,7 +273,8 @@ public:
         std::ostringstream oss;
         oss << "SgtdConductor[" << std::endl;
         describe(oss);
-        oss << "  multiple_scattering = " << m_multiple_scattering << "," << std::endl;
+        oss << "  multiple_scattering = " << (bool) m_multiple_scattering
+            << "," << std::endl;
         if (m_specular_reflectance)
             oss << "  specular_reflectance = " << string::indent(m_specular_reflectance) << ","
                 << std::endl;

@@ -7,14 +7,16 @@
 use crate::batch::{self, Query};
 use crate::error::ParameterError;
 use crate::family::shape::{Row, Shape};
-use crate::family::skewed_t::SkewedT;
 use crate::family::tree::Node as CoreNode;
 use crate::masking::table::ENTRIES;
 use crate::ndf::{INVALID, Ndf as CoreNdf, NormalSample as CoreSample, Normals as CoreNormals, Roughness, Shadowing};
+use crate::profile::{Coordinate, ProfileCells, TabulatedProfile};
+use crate::radial::{self, Kind as CoreKind, Radial as CoreRadial};
 use crate::sampling::visible_table::CELLS;
 use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use crate::scattering::reflection::{Reflected as CoreReflected, Reflection as CoreReflection};
 use glam::DVec3;
+use std::sync::Arc;
 
 #[cxx::bridge(namespace = "sgtd")]
 mod ffi {
@@ -45,6 +47,32 @@ mod ffi {
         shape: [f64; 4],
         alpha_scale: f64,
         closed_form: bool,
+    }
+
+    /// What a distribution is made from.
+    #[derive(Debug, PartialEq, Eq)]
+    enum Kind {
+        Family,
+        Table,
+        Mixture,
+    }
+
+    /// A table as the user gives it.
+    struct TableSource {
+        places: Vec<f64>,
+        by_angles: bool,
+        values: Vec<f64>,
+        quantity: String,
+        tail: String,
+        tail_exponent: Given,
+        knee: Given,
+        path: String,
+    }
+
+    /// What a table has besides its nodes: slopes, a tail exponent of 0 where nothing is beyond the last node.
+    struct TableEnds {
+        knee: f64,
+        tail_exponent: f64,
     }
 
     /// Which normals are drawn.
@@ -100,6 +128,8 @@ mod ffi {
         visible_cells: u32,
         accuracy_reached: f64,
         steepness: f64,
+        by_cells: bool,
+        by_odds: bool,
     }
 
     /// What a reader of a table of missing energy has to know.
@@ -161,13 +191,29 @@ mod ffi {
     }
 
     extern "Rust" {
+        type Radial;
+        type Parts;
         type Ndf;
         type AlbedoTable;
+
+        fn radial_of_shape(shape: [f64; 4]) -> Result<Box<Radial>>;
+        fn radial_of_table(source: &TableSource) -> Result<Box<Radial>>;
+        fn read_table(path: &str, quantity: &str, tail: &str, tail_exponent: Given) -> Result<TableSource>;
+        fn new_parts() -> Box<Parts>;
+        fn add(self: &mut Parts, weight: f64, scale: f64, radial: &Radial);
+        fn radial_of_mixture(parts: &Parts) -> Result<Box<Radial>>;
+        fn resampled(self: &Radial, nodes: usize) -> Result<Box<Radial>>;
+        fn kind(self: &Radial) -> Kind;
+        fn width(self: &Radial) -> f64;
+        fn key(self: &Radial) -> &[u8];
+        fn slopes(self: &Radial) -> Vec<f64>;
+        fn slope_densities(self: &Radial) -> Vec<f64>;
+        fn ends(self: &Radial) -> TableEnds;
 
         fn shape_of_row(row: &str, gamma: Given, p: Given, lambda: Given, shift: Given) -> Result<RowShape>;
         fn lowest_node(shape: [f64; 4]) -> Result<Node>;
         fn check_roughness(alpha_u: f64, alpha_v: f64) -> Result<()>;
-        fn new_ndf(shape: [f64; 4], accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
+        fn new_ndf(radial: &Radial, accuracy: f64, visible: bool) -> Result<Box<Ndf>>;
 
         fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable>;
         fn new_anisotropic_albedo(ndf: &Ndf, correlated: bool, alpha_u: f64, alpha_v: f64) -> Result<Box<AlbedoTable>>;
@@ -177,6 +223,8 @@ mod ffi {
         fn header(self: &Ndf) -> TableHeader;
         fn lambda_table(self: &Ndf) -> &[f32];
         fn visible_table(self: &Ndf) -> &[f32];
+        fn cells(self: &Ndf) -> &[f32];
+        fn precise_cells(self: &Ndf) -> &[f64];
 
         fn d(self: &Ndf, alpha_u: f64, alpha_v: f64, m: &Vec3) -> f64;
         fn projected_area(self: &Ndf, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64;
@@ -241,8 +289,8 @@ mod ffi {
 }
 
 use ffi::{
-    AlbedoHeader, Given, Node, NormalSample, Normals, Reflected, ReflectedAndSample, Reflection, ReflectionSample,
-    RowShape, TableHeader, Vec3,
+    AlbedoHeader, Given, Kind, Node, NormalSample, Normals, Reflected, ReflectedAndSample, Reflection,
+    ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
 };
 
 mod microsurface;
@@ -251,8 +299,18 @@ use microsurface::{
     surface_of_heights,
 };
 
+/// What a distribution is made from.
+pub struct Radial(CoreRadial);
+
+/// Distributions that are to be mixed.
+pub struct Parts(Vec<(f64, f64, CoreRadial)>);
+
 /// The opaque object that C++ holds.
-pub struct Ndf(CoreNdf);
+pub struct Ndf {
+    core: CoreNdf,
+    /// what single precision evaluates if it is no member of the family
+    cells: Option<ProfileCells>,
+}
 
 impl From<&Vec3> for DVec3 {
     fn from(v: &Vec3) -> Self {
@@ -314,10 +372,111 @@ fn check_roughness(alpha_u: f64, alpha_v: f64) -> Result<(), ParameterError> {
     Roughness::new(alpha_u, alpha_v).map(drop)
 }
 
-fn new_ndf([gamma, p, lambda, shift]: [f64; 4], accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
-    let profile = Box::new(SkewedT::new(Shape::new(gamma, p, lambda, shift)?));
-    let ndf = if visible { CoreNdf::new(profile, accuracy) } else { CoreNdf::projected(profile, accuracy) };
-    Ok(Box::new(Ndf(ndf?)))
+fn radial_of_shape([gamma, p, lambda, shift]: [f64; 4]) -> Result<Box<Radial>, ParameterError> {
+    Ok(Box::new(Radial(CoreRadial::family(Shape::new(gamma, p, lambda, shift)?))))
+}
+
+impl Given {
+    fn number(&self) -> Option<f64> {
+        self.set.then_some(self.value)
+    }
+}
+
+impl From<Option<f64>> for Given {
+    fn from(number: Option<f64>) -> Self {
+        Self { set: number.is_some(), value: number.unwrap_or(0.0) }
+    }
+}
+
+fn radial_of_table(source: &TableSource) -> Result<Box<Radial>, ParameterError> {
+    let source = radial::TableSource {
+        places: source.places.clone(),
+        by_angles: source.by_angles,
+        values: source.values.clone(),
+        quantity: source.quantity.clone(),
+        tail: source.tail.clone(),
+        tail_exponent: source.tail_exponent.number(),
+        knee: source.knee.number(),
+        path: source.path.clone(),
+    };
+    Ok(Box::new(Radial(CoreRadial::table(&source)?)))
+}
+
+/// Empty texts are what the user left out.
+fn read_table(path: &str, quantity: &str, tail: &str, tail_exponent: Given) -> Result<TableSource, ParameterError> {
+    let (quantity, tail) = (Some(quantity).filter(|name| !name.is_empty()), Some(tail).filter(|name| !name.is_empty()));
+    let radial::TableSource { places, by_angles, values, quantity, tail, tail_exponent, knee, path } =
+        radial::read_table(path, quantity, tail, tail_exponent.number())?;
+    Ok(TableSource {
+        places,
+        by_angles,
+        values,
+        quantity,
+        tail,
+        tail_exponent: tail_exponent.into(),
+        knee: knee.into(),
+        path,
+    })
+}
+
+fn new_parts() -> Box<Parts> {
+    Box::new(Parts(Vec::new()))
+}
+
+impl Parts {
+    fn add(&mut self, weight: f64, scale: f64, radial: &Radial) {
+        self.0.push((weight, scale, radial.0.clone()));
+    }
+}
+
+fn radial_of_mixture(parts: &Parts) -> Result<Box<Radial>, ParameterError> {
+    Ok(Box::new(Radial(CoreRadial::mixture(&parts.0)?)))
+}
+
+impl Radial {
+    fn resampled(&self, nodes: usize) -> Result<Box<Radial>, ParameterError> {
+        Ok(Box::new(Self(self.0.resampled(nodes)?)))
+    }
+
+    fn kind(&self) -> Kind {
+        match self.0.kind() {
+            CoreKind::Family => Kind::Family,
+            CoreKind::Table => Kind::Table,
+            CoreKind::Mixture => Kind::Mixture,
+        }
+    }
+
+    fn width(&self) -> f64 {
+        self.0.width()
+    }
+
+    fn key(&self) -> &[u8] {
+        self.0.key()
+    }
+
+    /// Nodes of a table at its own width; none of anything else.
+    fn slopes(&self) -> Vec<f64> {
+        self.0.as_table().map_or(Vec::new(), |table| table.nodes().map(|node| node.0 * table.width()).collect())
+    }
+
+    fn slope_densities(&self) -> Vec<f64> {
+        self.0.as_table().map_or(Vec::new(), |table| table.nodes().map(|node| node.1).collect())
+    }
+
+    fn ends(&self) -> TableEnds {
+        let table = self.0.as_table();
+        TableEnds {
+            knee: table.map_or(0.0, |table| table.knee() * table.width()),
+            tail_exponent: table.and_then(TabulatedProfile::tail_power).unwrap_or(0.0),
+        }
+    }
+}
+
+fn new_ndf(radial: &Radial, accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
+    let profile = radial.0.profile();
+    let core = CoreNdf::shared(Arc::clone(profile), accuracy, visible)?;
+    let cells = (radial.0.kind() != CoreKind::Family).then(|| ProfileCells::new(profile.as_ref()));
+    Ok(Box::new(Ndf { core, cells }))
 }
 
 /// The opaque table of missing energy that C++ holds.
@@ -328,7 +487,7 @@ fn shadowing(correlated: bool) -> Shadowing {
 }
 
 fn new_isotropic_albedo(ndf: &Ndf, correlated: bool) -> Box<AlbedoTable> {
-    threads::run(usize::MAX, || Box::new(AlbedoTable(CoreAlbedoTable::isotropic(&ndf.0, shadowing(correlated)))))
+    threads::run(usize::MAX, || Box::new(AlbedoTable(CoreAlbedoTable::isotropic(&ndf.core, shadowing(correlated)))))
 }
 
 fn new_anisotropic_albedo(
@@ -338,7 +497,7 @@ fn new_anisotropic_albedo(
     alpha_v: f64,
 ) -> Result<Box<AlbedoTable>, ParameterError> {
     let alpha = Roughness::new(alpha_u, alpha_v)?;
-    let table = || CoreAlbedoTable::anisotropic(&ndf.0, shadowing(correlated), alpha);
+    let table = || CoreAlbedoTable::anisotropic(&ndf.core, shadowing(correlated), alpha);
     Ok(Box::new(AlbedoTable(threads::run(usize::MAX, table))))
 }
 
@@ -390,38 +549,49 @@ fn forget_threads() {
 impl Ndf {
     fn header(&self) -> TableHeader {
         TableHeader {
-            normalization: self.0.profile().normalization(),
-            scale: self.0.visible_table().scale(),
+            normalization: self.core.profile().normalization(),
+            scale: self.core.visible_table().scale(),
             lambda_entries: ENTRIES as u32,
-            visible_rows: self.0.visible_table().rows() as u32,
+            visible_rows: self.core.visible_table().rows() as u32,
             visible_cells: CELLS as u32,
-            accuracy_reached: self.0.accuracy_reached(),
-            steepness: self.0.steepness(),
+            accuracy_reached: self.core.accuracy_reached(),
+            steepness: self.cells.as_ref().map_or_else(|| self.core.steepness(), ProfileCells::steepness),
+            by_cells: self.cells.is_some(),
+            by_odds: self.core.profile().coordinate() == Coordinate::Odds,
         }
     }
 
     fn lambda_table(&self) -> &[f32] {
-        self.0.lambda_table().flat()
+        self.core.lambda_table().flat()
     }
 
     fn visible_table(&self) -> &[f32] {
-        self.0.visible_table().flat()
+        self.core.visible_table().flat()
+    }
+
+    /// What single precision evaluates; empty for members of the family.
+    fn cells(&self) -> &[f32] {
+        self.cells.as_ref().map_or(&[], ProfileCells::single)
+    }
+
+    fn precise_cells(&self) -> &[f64] {
+        self.cells.as_ref().map_or(&[], ProfileCells::double)
     }
 
     fn d(&self, alpha_u: f64, alpha_v: f64, m: &Vec3) -> f64 {
-        self.0.d(Roughness { u: alpha_u, v: alpha_v }, m.into())
+        self.core.d(Roughness { u: alpha_u, v: alpha_v }, m.into())
     }
 
     fn projected_area(&self, alpha_u: f64, alpha_v: f64, w: &Vec3) -> f64 {
-        self.0.projected_area(Roughness { u: alpha_u, v: alpha_v }, w.into())
+        self.core.projected_area(Roughness { u: alpha_u, v: alpha_v }, w.into())
     }
 
     fn pdf(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, m: &Vec3, normals: Normals) -> f64 {
-        self.0.pdf(Roughness { u: alpha_u, v: alpha_v }, wi.into(), m.into(), normals.into())
+        self.core.pdf(Roughness { u: alpha_u, v: alpha_v }, wi.into(), m.into(), normals.into())
     }
 
     fn sample(&self, alpha_u: f64, alpha_v: f64, wi: &Vec3, u1: f64, u2: f64, normals: Normals) -> NormalSample {
-        self.0.sample(Roughness { u: alpha_u, v: alpha_v }, wi.into(), (u1, u2), normals.into()).into()
+        self.core.sample(Roughness { u: alpha_u, v: alpha_v }, wi.into(), (u1, u2), normals.into()).into()
     }
 
     fn reflected(&self, view: &Reflection, wo: &Vec3) -> Reflected {
@@ -442,7 +612,7 @@ impl Ndf {
     #[inline]
     fn reflection(&self, view: &Reflection) -> Option<CoreReflection<'_>> {
         let alpha = Roughness { u: view.alpha_u, v: view.alpha_v };
-        CoreReflection::new(&self.0, alpha, shadowing(view.correlated), (&view.wi).into(), view.normals.into())
+        CoreReflection::new(&self.core, alpha, shadowing(view.correlated), (&view.wi).into(), view.normals.into())
     }
 
     fn eval_batch(
@@ -455,7 +625,7 @@ impl Ndf {
         out: &mut [f64],
     ) -> Result<(), ParameterError> {
         let (query, alpha) = (Query::named(query)?, Roughness::new(alpha_u, alpha_v)?);
-        threads::run(first.len() / query.width(), || query.eval(&self.0, alpha, first, second, out))
+        threads::run(first.len() / query.width(), || query.eval(&self.core, alpha, first, second, out))
     }
 }
 

@@ -104,6 +104,24 @@ pub enum ParameterError {
         /// What to do about it.
         mend: &'static str,
     },
+    /// What is wrong with a file of a table.
+    #[error("{path}: {problem}: {mend}")]
+    File {
+        /// Its path, as it was given.
+        path: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do about it.
+        mend: &'static str,
+    },
+    /// What is wrong with the table in a file.
+    #[error("{path}: {source}")]
+    InFile {
+        /// Its path, as it was given.
+        path: String,
+        /// What is wrong.
+        source: Box<ParameterError>,
+    },
     /// Arrays of a batch call that do not fit each other.
     #[error("array \"{name}\" has {found} numbers, but {expected} are needed")]
     Length {

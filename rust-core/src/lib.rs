@@ -58,6 +58,7 @@ pub mod ndf;
 #[doc(hidden)]
 pub mod numerics;
 pub mod profile;
+pub mod radial;
 #[doc(hidden)]
 pub mod sampling;
 pub mod scattering;

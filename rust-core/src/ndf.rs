@@ -28,6 +28,7 @@ use crate::sampling::coordinate;
 use crate::sampling::visible_table::{Mixture, VisibleTable};
 use glam::DVec3;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Roughness along both tangents (Mitsuba's `alpha_u`, `alpha_v`).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,7 +82,7 @@ pub(crate) const INVALID: NormalSample = NormalSample { m: DVec3::Z, pdf: 0.0, d
 
 /// A profile with its tables, ready to be evaluated and sampled at any roughness.
 pub struct Ndf {
-    profile: Box<dyn Profile>,
+    profile: Arc<dyn Profile>,
     lambda_table: LambdaTable,
     visible_table: VisibleTable,
     coordinate: Coordinate,
@@ -137,7 +138,7 @@ impl Ndf {
     /// # Errors
     /// As [`Ndf::new`].
     pub fn projected(profile: Box<dyn Profile>, accuracy: f64) -> Result<Self, ParameterError> {
-        Self::with_visible_table(profile, accuracy, VisibleTable::projected)
+        Self::shared(profile.into(), accuracy, false)
     }
 
     /// Tabulates a profile; `accuracy` is the permitted relative error of G1, 0 means quadrature on every call.
@@ -145,14 +146,15 @@ impl Ndf {
     /// # Errors
     /// `accuracy` is negative, above 0.1 or not a number.
     pub fn new(profile: Box<dyn Profile>, accuracy: f64) -> Result<Self, ParameterError> {
-        Self::with_visible_table(profile, accuracy, VisibleTable::new)
+        Self::shared(profile.into(), accuracy, true)
     }
 
-    fn with_visible_table(
-        profile: Box<dyn Profile>,
-        accuracy: f64,
-        tabulate: fn(&dyn Profile, &MaskingIntegral) -> VisibleTable,
-    ) -> Result<Self, ParameterError> {
+    /// Either, for a profile that others have too.
+    ///
+    /// # Errors
+    /// As [`Ndf::new`].
+    pub fn shared(profile: Arc<dyn Profile>, accuracy: f64, visible: bool) -> Result<Self, ParameterError> {
+        let tabulate = if visible { VisibleTable::new } else { VisibleTable::projected };
         require(
             (0.0..=0.1).contains(&accuracy),
             "accuracy",

@@ -302,9 +302,9 @@ fn quantities_and_angles_say_the_same() {
     let named = |name: &str| Quantity::named(name).unwrap_or_else(|error| panic!("{error}"));
     let made = [
         TabulatedProfile::new(&slopes, &f, TableTail::Cut),
-        TabulatedProfile::of(&slopes, &f, named("slopes"), TableTail::Cut),
-        TabulatedProfile::of(&slopes, &by(3), named("D cos"), TableTail::Cut),
-        TabulatedProfile::from_angles(&degrees, &by(4), named("D"), TableTail::Cut),
+        TabulatedProfile::of(&slopes, &f, named("slope"), None, TableTail::Cut),
+        TabulatedProfile::of(&slopes, &by(3), named("D_cos"), None, TableTail::Cut),
+        TabulatedProfile::from_angles(&degrees, &by(4), named("D"), None, TableTail::Cut),
     ]
     .map(|profile| profile.unwrap_or_else(|error| panic!("{error}")));
     for profile in &made[1..] {

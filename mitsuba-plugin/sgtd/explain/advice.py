@@ -32,10 +32,11 @@ def advise(material: Material, scalar: bool) -> list[str]:
         found.append(near)
     if material.double_precision and not scalar:
         found.append(_less_steep(material))
-    if material.builtin == "" and material.alpha_scale != 1.0 and material.shape.lam != material.node_shape.lam:
+    shape, node = material.shape, material.node_shape
+    if material.builtin == "" and shape is not None and node is not None and shape.lam != node.lam:
         found.append(
-            f"without a shift, lambda = {material.shape.lam:g} only scales the roughness: "
-            f"lambda = 0 with alpha {1 + material.shape.lam:g} times as high is the same material"
+            f"without a shift, lambda = {shape.lam:g} only scales the roughness: "
+            f"lambda = 0 with alpha {1 + shape.lam:g} times as high is the same material"
         )
     u, v = (material.properties.get(name) for name in ("alpha_u", "alpha_v"))
     if isinstance(u, (int, float)) and u == v:
@@ -104,10 +105,9 @@ def greatest_change(a: Shape, b: Shape) -> float:
 
 
 def _near_ggx(material: Material) -> str:
-    if material.builtin:
+    ggx, shape = Shape(2.0, 1.0, 0.0, 0.0), material.node_shape
+    if material.builtin or shape is None:
         return ""
-    ggx = Shape(2.0, 1.0, 0.0, 0.0)
-    shape = material.node_shape
     # far shapes need no tables to be told apart
     if abs(math.log(shape.p)) > 0.1 or abs(shape.gamma - 2.0) > 0.2 or shape.shift > 0.05 or abs(shape.lam) > 0.1:
         return ""
@@ -122,6 +122,11 @@ def _near_ggx(material: Material) -> str:
 def _less_steep(material: Material) -> str:
     """The nearest value of one parameter with which single precision does."""
     shape, limit = material.node_shape, _core.steep
+    if shape is None:
+        return (
+            "it needs double precision: values change by more than a factor of e within 1/38 of a slope; fewer rows or smoother "
+            "values do without"
+        )
 
     def steepness(p: float, shift: float) -> float:
         return _core.Ndf.get(Shape(shape.gamma, p, shape.lam, shift), 1e-2).steepness
@@ -144,6 +149,8 @@ def _less_steep(material: Material) -> str:
 def _exponents(material: Material) -> list[str]:
     """Values next to those that scalar variants multiply out."""
     shape, found = material.node_shape, []
+    if shape is None:
+        return found
     if shape.p != 1.0 and abs(shape.p - 1.0) < 0.1:
         change = greatest_change(shape, Shape(shape.gamma, 1.0, shape.lam, shape.shift))
         if change <= _NEAR:

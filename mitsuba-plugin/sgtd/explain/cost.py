@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import mitsuba_errors
 from ..interleaved_timing import Clock, ratios, render_clock
+from ..scene import numeric_distribution
 from ..scene.exchange import ORIGINALS, exchange
 from ..scene.graph import SceneGraph
 from .material import Material
@@ -32,7 +33,10 @@ _SCENE_PIXELS, _SCENE_SPP = (1 << 14, 1 << 16), (4, 16)
 _COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior", "ext_ior")
 
 # Those that only this family has.
-_OWN = ("distribution", "gamma", "p", "lambda", "shift", "mu", "masking", "accuracy", "multiple_scattering")
+_OWN = (
+    *("distribution", "gamma", "p", "lambda", "shift", "mu", "masking", "accuracy", "multiple_scattering"),
+    *numeric_distribution.PROPERTIES,
+)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .. import _core
-from .._core import Shape
+from .._core import Radial, Shape
 from ..errors import UserError
+from ..scene import numeric_distribution
 from ..scene.exchange import NUMBERS
 from ..scene.graph import SceneGraph
 
@@ -47,6 +48,7 @@ class Tables:
     build_seconds: float
     accuracy_reached: float
     steepness: float
+    by_odds: bool
 
 
 @dataclass(frozen=True)
@@ -69,9 +71,10 @@ class Material:
     properties: Mapping[str, Any]
     objects: frozenset[str]
     defaulted: tuple[str, ...]
-    shape: Shape
+    shape: Shape | None
     node: str
-    node_shape: Shape
+    node_shape: Shape | None
+    key: bytes
     alpha_scale: float
     builtin: str
     why: str
@@ -81,6 +84,11 @@ class Material:
     missing_energy: MissingEnergy | None
     textured: bool
     anisotropic: bool
+
+    @property
+    def cells(self) -> bool:
+        """Is it a table or a mixture, which has code of its own?"""
+        return self.shape is None
 
     @property
     def double_precision(self) -> bool:
@@ -94,7 +102,8 @@ class Material:
         """What the traced code depends on, as far as this family decides it: equal structures can share one code path."""
         return (
             self.plugin,
-            self.builtin or "tables",
+            self.builtin
+            or ((self.row if self.tables and self.tables.by_odds else "mixture") if self.cells else "tables"),
             self.builtin != "" and self.alpha_scale != 1.0,
             self.double_precision,
             self.textured,
@@ -117,15 +126,22 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     values = {name: props[name] for name in props.keys()}
     row = str(values.get("distribution", DEFAULTS["distribution"])).lower()
     given = {name: float(values[name]) for name in NUMBERS if name in values}
+    shape = reduced = None
+    node_name, scale, node_scale, builtin = row, 1.0, 1.0, ""
     try:
-        shape, scale = _resolve(row, given, values)
-    except (TypeError, ValueError) as error:
+        if row in numeric_distribution.ROWS:
+            radial = numeric_distribution.radial_of(values, graph.path.parent)
+            why = _why_cells(row, radial, values)
+        else:
+            shape, scale = _resolve(row, given, values)
+            node_of_tree = _core.lowest_node(shape)
+            node_name, reduced, node_scale = node_of_tree.name, node_of_tree.shape, node_of_tree.alpha_scale
+            path = _core.code_path(row, shape, bool(values.get("sample_bounded", False)))
+            builtin = "" if path == "tables" else path
+            radial = Radial.family(reduced)
+            why = _why(row, shape, node_name, reduced, builtin, node_scale)
+    except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{place}: {error}") from error
-
-    node_of_tree = _core.lowest_node(shape)
-    reduced, node_scale = node_of_tree.shape, node_of_tree.alpha_scale
-    path = _core.code_path(row, shape, bool(values.get("sample_bounded", False)))
-    builtin = "" if path == "tables" else path
     accuracy = float(values.get("accuracy", DEFAULTS["accuracy"]))
     visible = bool(values.get("sample_visible", DEFAULTS["sample_visible"]))
     anisotropic = "alpha_u" in values
@@ -134,7 +150,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     textured = not objects.isdisjoint(("alpha", "alpha_u", "alpha_v"))
     # as the plugin decides it
     bounded = props.plugin_name() == REFLECTS_ONLY and visible and bool(values.get("sample_bounded", not builtin))
-    tables = None if builtin else _tables(reduced, accuracy, visible)
+    tables = None if builtin else _tables(radial, accuracy, visible)
     return Material(
         id=str(props.id()) or "unnamed",
         plugin=props.plugin_name(),
@@ -148,15 +164,16 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
         objects=objects,
         defaulted=tuple(key for key in DEFAULTS if key not in values and not (key == "alpha" and anisotropic)),
         shape=shape,
-        node=node_of_tree.name,
+        node=node_name,
         node_shape=reduced,
+        key=radial.key,
         alpha_scale=scale * node_scale,
         builtin=builtin,
-        why=_why(row, shape, node_of_tree.name, reduced, builtin, node_scale),
+        why=why,
         effects=_effects(shape, values, visible, bounded, anisotropic, textured, tables),
         accuracy_asked=accuracy,
         tables=tables,
-        missing_energy=_missing_energy(reduced, accuracy, scale * node_scale, values, objects, builtin),
+        missing_energy=_missing_energy(radial, accuracy, scale * node_scale, values, objects, builtin),
         textured=textured,
         anisotropic=anisotropic,
     )
@@ -172,25 +189,25 @@ def _resolve(row: str, given: dict[str, float], values: Mapping[str, Any]) -> tu
     return _core.shape_of_row(row, gamma, p, lam, shift)
 
 
-def _tables(shape: Shape, accuracy: float, visible: bool) -> Tables:
+def _tables(radial: Radial, accuracy: float, visible: bool) -> Tables:
     seconds = []
     for _ in range(_BUILDS):
         start = time.perf_counter()
-        ndf = _core.Ndf.get(shape, _asked_of_core(accuracy), visible)
+        ndf = _core.Ndf.get(radial, _asked_of_core(accuracy), visible)
         seconds.append(time.perf_counter() - start)
-        tables = Tables(ndf.table_bytes, 0.0, ndf.accuracy_reached, ndf.steepness)
+        tables = Tables(ndf.table_bytes, 0.0, ndf.accuracy_reached, ndf.steepness, ndf.by_odds)
         # tables without a user are dropped, so the next turn builds them again
         del ndf
-    return Tables(tables.bytes, sorted(seconds)[_BUILDS // 2], tables.accuracy_reached, tables.steepness)
+    return replace(tables, build_seconds=sorted(seconds)[_BUILDS // 2])
 
 
 def _missing_energy(
-    shape: Shape, accuracy: float, scale: float, values: Mapping[str, Any], objects: frozenset[str], builtin: str
+    radial: Radial, accuracy: float, scale: float, values: Mapping[str, Any], objects: frozenset[str], builtin: str
 ) -> MissingEnergy | None:
     """As the plugin makes it: for one pair of roughnesses, or for every isotropic one."""
     if not values.get("multiple_scattering", False):
         return None
-    ndf = _core.Ndf.get(shape, _core.default_accuracy if builtin else _asked_of_core(accuracy), False)
+    ndf = _core.Ndf.get(radial, _core.default_accuracy if builtin else _asked_of_core(accuracy), False)
     pair = [max(float(values.get(key, DEFAULTS["alpha"])) * scale, _core.least_alpha) for key in ("alpha_u", "alpha_v")
             if key in values and key not in objects]  # fmt: skip
     correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
@@ -202,6 +219,16 @@ def _asked_of_core(accuracy: float) -> float:
     import mitsuba as mi
 
     return accuracy if accuracy == 0.0 or mi.variant().startswith("scalar_") else max(accuracy, 1e-7)
+
+
+def _why_cells(row: str, radial: Radial, values: Mapping[str, Any]) -> str:
+    width = f"mean slope {radial.width:.4g}"
+    if "alpha" in values or "alpha_u" in values:
+        width += ", stretched to alpha"
+    if row == "mixture":
+        return f"a sum of distributions, {width}: cells near enough to it for single precision"
+    tail = f"a tail of slope^-{radial.tail_exponent:.3g}" if radial.tail_exponent else "nothing beyond the last row"
+    return f"{len(radial.slopes)} nodes, knee {radial.knee:.3g}, {tail}, {width}: cells that are found without a search"
 
 
 def _why(row: str, shape: Shape, node: str, reduced: Shape, builtin: str, scale: float) -> str:
@@ -230,7 +257,7 @@ def _why(row: str, shape: Shape, node: str, reduced: Shape, builtin: str, scale:
 
 
 def _effects(
-    shape: Shape,
+    shape: Shape | None,
     values: Mapping[str, Any],
     visible: bool,
     bounded: bool,
@@ -238,16 +265,11 @@ def _effects(
     textured: bool,
     tables: Tables | None,
 ) -> tuple[Effect, ...]:
-    skewed = shape.lam != 0.0 and shape.shift > 0.0
     correlated = str(values.get("masking", DEFAULTS["masking"])).lower() == "height_correlated"
     multiple = bool(values.get("multiple_scattering", False))
     steep = tables is not None and tables.steepness > _core.steep
-    tail = "that of GGX" if shape.gamma == 2.0 else "none: exponential" if shape.gamma == math.inf else None
     return (
-        Effect("shift", shape.shift > 0.0, f"{shape.shift:g}"),
-        Effect("skew", skewed, f"{shape.lam:g}" if skewed or shape.lam == 0.0 else "a roughness, without a shift"),
-        Effect("kurtosis", shape.p != 1.0, f"p = {shape.p:g}"),
-        Effect("tail", tail is None, tail or f"gamma = {shape.gamma:g}"),
+        *(_shape_effects(shape) if shape is not None else ()),
         Effect("anisotropy", anisotropic, "alpha_u, alpha_v" if anisotropic else "one alpha"),
         Effect("roughness texture", textured, "looked up per hit" if textured else "a number"),
         Effect("visible normals", visible, "sample_visible" if visible else "all normals are drawn from"),
@@ -263,6 +285,17 @@ def _effects(
             if tables is not None and steep
             else "not needed",
         ),
+    )
+
+
+def _shape_effects(shape: Shape) -> tuple[Effect, ...]:
+    skewed = shape.lam != 0.0 and shape.shift > 0.0
+    tail = "that of GGX" if shape.gamma == 2.0 else "none: exponential" if shape.gamma == math.inf else None
+    return (
+        Effect("shift", shape.shift > 0.0, f"{shape.shift:g}"),
+        Effect("skew", skewed, f"{shape.lam:g}" if skewed or shape.lam == 0.0 else "a roughness, without a shift"),
+        Effect("kurtosis", shape.p != 1.0, f"p = {shape.p:g}"),
+        Effect("tail", tail is None, tail or f"gamma = {shape.gamma:g}"),
     )
 
 

@@ -96,7 +96,7 @@ def explain(graph: SceneGraph, repetitions: int, functions: bool, steps: Steps) 
     bytes_of: dict[tuple[Any, ...], int] = {}
     for material in materials:
         # numbers do not change traced code; scalar code multiplies some exponents out
-        key = (*material.structure(), material.node_shape if scalar else None, material.accuracy_asked == 0.0)
+        key = (*material.structure(), material.key if scalar else None, material.accuracy_asked == 0.0)
         if functions and repetitions > 0 and key not in costs:
             costs[key] = measure_costs(material, repetitions)
         same = [m.id for m in materials if m is not material and _tables_key(m) == _tables_key(material)]
@@ -121,7 +121,7 @@ def explain(graph: SceneGraph, repetitions: int, functions: bool, steps: Steps) 
 
 
 def _tables_key(material: Material) -> tuple[Any, ...]:
-    return (material.node_shape, material.accuracy_asked, material.on("visible normals"))
+    return (material.key, material.accuracy_asked, material.on("visible normals"))
 
 
 def as_dict(explanation: Explanation) -> dict[str, Any]:
@@ -148,9 +148,11 @@ def _material(entry: Explained) -> dict[str, Any]:
         "distribution": material.row,
         "properties": dict(material.properties),
         "defaults": list(material.defaulted),
-        "shape": _numbers(dict(zip(("gamma", "p", "lam", "shift"), material.shape.numbers()))),
+        "shape": None
+        if material.shape is None
+        else _numbers(dict(zip(("gamma", "p", "lam", "shift"), material.shape.numbers()))),
         "node": material.node,
-        "shifted": material.node_shape.shift > 0.0,
+        "shifted": material.node_shape is not None and material.node_shape.shift > 0.0,
         "code": material.builtin or "tables",
         "why": material.why,
         "alpha_scale": material.alpha_scale,
@@ -249,7 +251,7 @@ def _assignments(properties: Mapping[str, Any]) -> str:
 def _lines(entry: Explained) -> list[tuple[str, str]]:
     material = entry.material
     lines = [
-        ("shape", _words(material.shape)),
+        *((("shape", _words(material.shape)),) if material.shape is not None else ()),
         ("runs at", _node(material)),
         ("because", material.why),
         ("on", "; ".join(f"{e.name} ({e.words})" for e in material.effects if e.on) or "nothing"),
@@ -281,6 +283,8 @@ def _words(shape: Shape) -> str:
 
 
 def _node(material: Material) -> str:
+    if material.node_shape is None:
+        return material.node
     text = material.node + (", shifted" if material.node_shape.shift > 0.0 else "")
     return text if material.alpha_scale == 1.0 else f"{text}, at a roughness of {material.alpha_scale:g} times alpha"
 

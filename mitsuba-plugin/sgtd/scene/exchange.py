@@ -21,10 +21,13 @@ import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Union
 
 from ..errors import UserError
+from . import numeric_distribution
 from .graph import SceneGraph
+from .numeric_distribution import radial_of
 
 # Mitsuba's plugins, and what each is exchanged for.
 PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}
@@ -49,8 +52,11 @@ NEVER_EXCHANGED = {
 
 # The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
 NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
-_WORDS = ("distribution", "masking")
-SETTINGS = _WORDS + NUMBERS
+_WORDS = ("distribution", "masking", *numeric_distribution.WORDS)
+SETTINGS = _WORDS + NUMBERS + numeric_distribution.NUMBERS
+
+# What belongs to a distribution and goes with it.
+_OF_DISTRIBUTION = NUMBERS + numeric_distribution.PROPERTIES
 
 # Those that leave a fixed row of the family: a scene's own GGX or Beckmann cannot have them.
 _TAIL_AND_BODY = ("gamma", "p", "lambda")
@@ -64,6 +70,9 @@ _EXPONENTIAL_ROWS = ("beckmann", "gnd", "snd", "sgnd")
 # Student's distribution of this gamma is as far from GGX as from Beckmann: the largest difference of
 # P(slope > x) at equal roughness is 0.103 to either.
 _HALFWAY_GAMMA = 3.2918
+
+# alpha of GGX with a mean slope of 1.
+_GGX_PER_MEAN_SLOPE = 2.0 / math.pi
 
 Settings = Mapping[str, Union[str, float]]
 
@@ -132,7 +141,7 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
         if left_node.props.plugin_name() in PARTNERS:
             _to_sgtd(right_node.props, settings)
         else:
-            _to_rough(left_node.props)
+            _to_rough(left_node.props, graph.path.parent)
             _apply(right_node.props, settings)
         exchanges.append(Exchange(graph.place(left_node), describe(left_node.props), describe(right_node.props)))
     if not exchanges:
@@ -160,6 +169,7 @@ def describe(props: Any) -> str:
     default = "beckmann" if plugin in PARTNERS else "sgtd"
     parts = [plugin, str(props["distribution"]) if "distribution" in props else default]
     parts += [f"{name} = {_text(props[name])}" for name in NUMBERS if name in props]
+    parts += [str(props[name]) for name in ("filename", "members", "tail") if name in props]
     if "masking" in props:
         parts.append(f"{props['masking']} masking")
     return ", ".join(parts)
@@ -189,28 +199,49 @@ def _to_sgtd(props: Any, settings: Settings) -> None:
     _apply(props, settings)
 
 
-def _to_rough(props: Any) -> None:
-    """Turns one of our plugins into the nearest of its partner."""
+def _to_rough(props: Any, folder: Path) -> None:
+    """Turns one of our plugins into the nearest of its partner: for a table or a mixture GGX of the same mean slope."""
     row = str(props["distribution"]).lower() if "distribution" in props else "sgtd"
     gamma = props["gamma"] if "gamma" in props else _GAMMA["ggx"]
     if not isinstance(gamma, (int, float)):
         gamma = _GAMMA["ggx"]  # the right side will say what is wrong with it
+    if row in numeric_distribution.ROWS:
+        _keep_mean_slope(props, folder)
     props.set_plugin_name(ORIGINALS[props.plugin_name()])
-    for name in (*NUMBERS, "masking"):
+    for name in (*_OF_DISTRIBUTION, "masking"):
         if name in props:
             del props[name]
     props["distribution"] = nearest_distribution(row, gamma)
 
 
+def _keep_mean_slope(props: Any, folder: Path) -> None:
+    """Roughness of ours is the mean slope of a table, GGX has one of pi/2 times its own."""
+    given = [name for name in ("alpha", "alpha_u", "alpha_v") if name in props]
+    for name in given:
+        if isinstance(props[name], (int, float)):
+            props[name] = float(props[name]) * _GGX_PER_MEAN_SLOPE
+    if not given:
+        try:
+            width = radial_of({name: props[name] for name in props.keys()}, folder).width
+        except (KeyError, ValueError):
+            return  # the right side will say what is wrong with it
+        props["alpha"] = width * _GGX_PER_MEAN_SLOPE
+
+
 def _apply(props: Any, settings: Settings) -> None:
     """Sets the properties; of ``shift`` and ``mu``, two ways to say the same, the last word counts.
 
-    A distribution is a whole shape: parameters that belonged to the one before go with it.
+    A distribution is a whole shape: parameters that belonged to the one before go with it. A table or a mixture has a roughness of its own,
+    which it keeps instead of a number of the scene; a texture stays.
     """
     if "distribution" in settings:
-        for name in NUMBERS:
+        for name in _OF_DISTRIBUTION:
             if name in props and name not in settings:
                 del props[name]
+        if str(settings["distribution"]).lower() in numeric_distribution.ROWS:
+            for name in ("alpha", "alpha_u", "alpha_v"):
+                if name in props and isinstance(props[name], (int, float)):
+                    del props[name]
     for name, value in settings.items():
         props[name] = value
         other = {"shift": "mu", "mu": "shift"}.get(name)

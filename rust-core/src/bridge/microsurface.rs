@@ -68,7 +68,7 @@ pub(super) fn generate_surface(
         watch.distance.store(distance.to_bits(), Ordering::Relaxed);
         watch.goes_on(step as u64)
     };
-    let made = threads::run(PARALLEL, || generate(ndf.0.profile(), &settings, tell))?;
+    let made = threads::run(PARALLEL, || generate(ndf.core.profile(), &settings, tell))?;
     Ok(Box::new(Microsurface(made.surface)))
 }
 
@@ -96,7 +96,7 @@ pub(super) fn slope_agreement(
     if slopes.is_empty() {
         return Err(ParameterError::Length { name: "slopes", found: 0, expected: 2 });
     }
-    let found = threads::run(slopes.len(), || Agreement::of_slopes(&slopes, ndf.0.profile()));
+    let found = threads::run(slopes.len(), || Agreement::of_slopes(&slopes, ndf.core.profile()));
     Ok(SlopeAgreement {
         ks: found.ks,
         tv: found.tv,
@@ -188,7 +188,7 @@ pub(super) fn measure_model(
     out: &mut [f64],
 ) -> Result<(), ParameterError> {
     let setup = goniometer.setup()?;
-    let model = RandomWalk::new(&ndf.0, Roughness::new(alpha_u, alpha_v)?);
+    let model = RandomWalk::new(&ndf.core, Roughness::new(alpha_u, alpha_v)?);
     let tell = |walks| watch.goes_on(walks);
     let counts = threads::run(PARALLEL, || setup.measure_model(&model, goniometer.walks, goniometer.seed, tell));
     goniometer.put(&counts, out)

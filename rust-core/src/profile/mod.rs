@@ -16,11 +16,16 @@
 //! # Ok::<(), sgtd_core::error::ParameterError>(())
 //! ```
 
+pub mod cells;
 pub mod mixture;
+pub mod pieces;
 pub mod resample;
+pub mod table_file;
 pub mod tabulated;
 
+pub use cells::ProfileCells;
 pub use mixture::{MixtureProfile, Part};
+pub use pieces::Piece;
 pub use tabulated::{Quantity, TableTail, TabulatedProfile};
 
 /// `H(q)` and `S(q)` of one profile at one argument.
@@ -94,6 +99,10 @@ pub trait Profile: Send + Sync {
     /// Of what it is the sum, where it is one: masking is then the sum of theirs.
     fn parts(&self) -> &[Part] {
         &[]
+    }
+    /// Of what pieces it is made, where it is: single precision then has them exactly.
+    fn pieces(&self) -> Option<Vec<Piece>> {
+        None
     }
     /// Over what visible normals are tabulated.
     fn coordinate(&self) -> Coordinate {

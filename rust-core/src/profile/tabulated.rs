@@ -16,7 +16,7 @@
 
 use crate::error::{ParameterError, require};
 use crate::numerics::quadrature::gauss;
-use crate::profile::{Coordinate, Profile, Tail};
+use crate::profile::{Coordinate, Piece, Profile, Tail};
 
 /// Least and greatest number of nodes.
 pub const NODES: (usize, usize) = (2, 1000);
@@ -55,6 +55,11 @@ pub enum Quantity {
 }
 
 impl Quantity {
+    /// D of a density of slopes is this at a slope times that density, and so on.
+    pub fn per_slope_density(self, x: f64) -> f64 {
+        x.mul_add(x, 1.0).sqrt().powi(self.power())
+    }
+
     /// Finds a quantity by the name that users write.
     ///
     /// # Errors
@@ -62,10 +67,10 @@ impl Quantity {
     pub fn named(name: &str) -> Result<Self, ParameterError> {
         match name {
             "D" => Ok(Self::Normals),
-            "D cos" => Ok(Self::ProjectedNormals),
-            "slopes" => Ok(Self::Slopes),
+            "D_cos" => Ok(Self::ProjectedNormals),
+            "slope" => Ok(Self::Slopes),
             _ => {
-                Err(ParameterError::UnknownName { name: "quantity", given: name.to_owned(), known: "D, D cos, slopes" })
+                Err(ParameterError::UnknownName { name: "quantity", given: name.to_owned(), known: "D, D_cos, slope" })
             }
         }
     }
@@ -184,6 +189,22 @@ impl Cell {
             Kind::Ramp { rising: true } => self.f_end * self.share(from, past),
             Kind::Ramp { rising: false } => self.f * (1.0 - self.share(from, past)).max(0.0),
             Kind::Empty => 0.0,
+        }
+    }
+
+    /// The same in x².
+    fn piece(&self) -> Piece {
+        let start = self.x * self.x;
+        let rate = 1.0 / ((self.end - self.x) * (self.end + self.x));
+        match self.kind {
+            Kind::Power { exponent } => Piece { start, anchor: start, rate: 1.0 / self.w, log_f: self.log_f, exponent },
+            Kind::Ramp { rising: true } => {
+                Piece { start, anchor: self.end * self.end, rate, log_f: self.f_end.ln(), exponent: -1.0 }
+            }
+            Kind::Ramp { rising: false } => {
+                Piece { start, anchor: start, rate: -rate, log_f: self.log_f, exponent: -1.0 }
+            }
+            Kind::Empty => Piece::empty(start),
         }
     }
 
@@ -457,6 +478,7 @@ impl TabulatedProfile {
         degrees: &[f64],
         values: &[f64],
         quantity: Quantity,
+        knee: Option<f64>,
         tail: TableTail,
     ) -> Result<Self, ParameterError> {
         for (k, &angle) in degrees.iter().enumerate() {
@@ -480,20 +502,29 @@ impl TabulatedProfile {
             }
         }
         let slopes: Vec<f64> = degrees.iter().map(|angle| angle.to_radians().tan()).collect();
-        Self::of(&slopes, values, quantity, tail)
+        Self::of(&slopes, values, quantity, knee, tail)
     }
 
     /// The same with another quantity at given slopes.
     ///
     /// # Errors
-    /// As [`TabulatedProfile::new`].
-    pub fn of(slopes: &[f64], values: &[f64], quantity: Quantity, tail: TableTail) -> Result<Self, ParameterError> {
-        let density: Vec<f64> = slopes
-            .iter()
-            .zip(values)
-            .map(|(x, value)| value * x.mul_add(*x, 1.0).sqrt().powi(-quantity.power()))
-            .collect();
-        if slopes.len() == values.len() { Self::new(slopes, &density, tail) } else { Self::new(slopes, values, tail) }
+    /// As [`TabulatedProfile::with_knee`].
+    pub fn of(
+        slopes: &[f64],
+        values: &[f64],
+        quantity: Quantity,
+        knee: Option<f64>,
+        tail: TableTail,
+    ) -> Result<Self, ParameterError> {
+        if slopes.len() != values.len() || quantity == Quantity::Slopes {
+            return Self::with_knee(slopes, values, knee, tail);
+        }
+        let density = |(x, value): (&f64, &f64)| value / quantity.per_slope_density(*x);
+        // what is wrong with a value is said of the value
+        let bad = |value: f64| !(value >= 0.0 && value.is_finite());
+        let density: Vec<f64> =
+            slopes.iter().zip(values).map(|pair| if bad(*pair.1) { *pair.1 } else { density(pair) }).collect();
+        Self::with_knee(slopes, &density, knee, tail)
     }
 
     fn from_nodes(nodes: &Nodes, knee: f64, tail: TableTail) -> Result<Self, ParameterError> {
@@ -827,6 +858,11 @@ impl Profile for TabulatedProfile {
 
     fn coordinate(&self) -> Coordinate {
         Coordinate::Odds
+    }
+
+    fn pieces(&self) -> Option<Vec<Piece>> {
+        let beyond = self.tail_cell().map_or_else(|| Piece::empty(self.last().end.powi(2)), |tail| tail.piece());
+        Some(self.cells.iter().map(Cell::piece).chain([beyond]).collect())
     }
 
     fn tail(&self) -> Tail {
