@@ -16,7 +16,7 @@ FLOORS = (
     ("_core", "errors", "interleaved_timing", "page"),
     ("atomic_output", "jobs", "ndf"),
     ("scene",),
-    ("compare", "named_shape"),
+    ("compare", "distribution_picture", "named_shape"),
     ("explain", "accuracy", "doctor"),
     ("microsurface",),
     ("cli",),

@@ -6,11 +6,11 @@ import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .atomic_output import new_file
+from .errors import UserError
 from .ndf import Ndf
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def resampling_error(exact: Ndf, table: Ndf) -> ResamplingError:
     worst = int(np.argmax(error))
     shares = np.diff(table.cdf(slopes / _stretch(table)))
     return ResamplingError(
-        nodes=len(table.table_slopes),
+        nodes=len(table.table.slopes) if table.table else 0,
         g1=float(np.abs(table.g1(w) / exact.g1(w) - 1.0).max()),
         d=float(error[worst]),
         d_at=math.degrees(math.atan(slopes[worst])),
@@ -85,22 +85,24 @@ def resampling_error(exact: Ndf, table: Ndf) -> ResamplingError:
     )
 
 
-def write_table(ndf: Ndf, path: Path) -> None:
-    """Nodes, knee and tail of a table, as ``Ndf.from_file`` and the plugins read them."""
-    slopes, densities = ndf.table_slopes, ndf.table_slope_densities
-    exponent = ndf.table_tail_exponent
-    with new_file(path) as partial:
-        if path.suffix.lower() == ".npz":
-            tail = dict(tail_cut=True) if exponent is None else dict(tail_exponent=exponent)
-            with open(partial, "wb") as file:
-                np.savez(file, slopes=slopes, slope_density=densities, knee=ndf.table_knee, **tail)
-            return
-        with open(partial, "w", newline="", encoding="utf-8") as text:
-            text.write(f"# knee: {ndf.table_knee!r}\n")
-            text.write("# tail: cut\n" if exponent is None else f"# tail_exponent: {exponent!r}\n")
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow(("slope", "slope_density"))
-            writer.writerows((repr(float(x)), repr(float(f))) for x, f in zip(slopes, densities))
+def write_table(ndf: Ndf, path: Path, quantity: str = "slope") -> None:
+    """Nodes, knee and tail of a table as CSV or npz, as ``Ndf.from_file`` and the plugins read them."""
+    nodes = ndf.table
+    if nodes is None:
+        raise UserError(f"{path}: the distribution is no table: resample it first")
+    cut = nodes.tail_exponent is None
+    column = "slope_density" if quantity == "slope" else quantity
+    values = convert("slope", quantity, nodes.slopes, nodes.densities)
+    if path.suffix.lower() == ".npz":
+        tail: dict[str, Any] = dict(tail_cut=True) if cut else dict(tail_exponent=nodes.tail_exponent)
+        np.savez(path, **{"slopes": nodes.slopes, column: values, "knee": nodes.knee, **tail})
+        return
+    with open(path, "w", newline="", encoding="utf-8") as text:
+        text.write(f"# knee: {nodes.knee!r}\n")
+        text.write("# tail: cut\n" if cut else f"# tail_exponent: {nodes.tail_exponent!r}\n")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(("slope", column))
+        writer.writerows((repr(float(x)), repr(float(f))) for x, f in zip(nodes.slopes, values))
 
 
 def draw(ndf: Ndf, title: str, path: Path) -> None:
@@ -133,23 +135,22 @@ def draw(ndf: Ndf, title: str, path: Path) -> None:
     _draw_visible(ndf, axes[1, 0])
     _draw_lobe(ndf, axes[1, 1], _LOBE_VIEW, bounded=False)
     _draw_lobe(ndf, axes[1, 2], _LOBE_VIEW, bounded=True)
-    with new_file(path) as partial:
-        figure.savefig(partial, dpi=110, format=path.suffix.lstrip(".") or "png")
+    figure.savefig(path, dpi=110)
 
 
-def _draw_visible(ndf: Ndf, axis: object) -> None:
+def _draw_visible(ndf: Ndf, axis: Any) -> None:
     """The share of visible normals by their slope in the plane of the view."""
     reach = 3.0 * _stretch(ndf) * float(ndf.quantile(0.5))
     slope = np.linspace(-reach, reach, 801)
     m = _along_x(np.arctan(slope))
     for k, view in enumerate(_VIEWS):
         density = ndf.pdf(_along_x(np.radians([view]))[0], m) * m[:, 2] ** 3
-        axis.plot(slope, density, color=f"C{k}", label=f"{view:g}°")  # type: ignore[attr-defined]
-    axis.set(xlabel="slope along the view", title="visible normals, density of slopes")  # type: ignore[attr-defined]
-    axis.legend(frameon=False, title="view")  # type: ignore[attr-defined]
+        axis.plot(slope, density, color=f"C{k}", label=f"{view:g}°")
+    axis.set(xlabel="slope along the view", title="visible normals, density of slopes")
+    axis.legend(frameon=False, title="view")
 
 
-def _draw_lobe(ndf: Ndf, axis: object, view: float, bounded: bool) -> None:
+def _draw_lobe(ndf: Ndf, axis: Any, view: float, bounded: bool) -> None:
     """Reflections of one view about the normals that are drawn, on the disc of directions (equal areas for equal D cos)."""
     side = 240
     edge = (np.arange(side) + 0.5) / side * 2.0 - 1.0
@@ -163,10 +164,10 @@ def _draw_lobe(ndf: Ndf, axis: object, view: float, bounded: bool) -> None:
     picture = np.full(x.shape, np.nan)
     picture[inside] = np.log10(np.maximum(density, 1e-6))
     top = float(np.nanmax(picture))
-    axis.imshow(picture, extent=(-1, 1, -1, 1), origin="lower", vmin=top - 4.0, vmax=top, cmap="magma")  # type: ignore[attr-defined]
-    axis.plot([wi[0]], [wi[1]], "c+")  # type: ignore[attr-defined]
+    axis.imshow(picture, extent=(-1, 1, -1, 1), origin="lower", vmin=top - 4.0, vmax=top, cmap="magma")
+    axis.plot([wi[0]], [wi[1]], "c+")
     kind = "bounded samples" if bounded else "samples of visible normals"
-    axis.set(title=f"lobe at {view:g}°, {kind} (log)", xticks=[], yticks=[])  # type: ignore[attr-defined]
+    axis.set(title=f"lobe at {view:g}°, {kind} (log)", xticks=[], yticks=[])
 
 
 def _along_x(theta: Array) -> Array:

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Iterable
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Callable, SupportsFloat
+from typing import TYPE_CHECKING, Any, Callable, NamedTuple, SupportsFloat
 
 import numpy as np
 
@@ -25,6 +25,16 @@ _DEFAULT_ALPHA = 0.1
 # What a table or a mixture, which has no shape of the family, is told apart by.
 _NO_SHAPE = 'distribution "{row}" has no {name}: it is given by its numbers'
 _MASKINGS = ("separable", "height_correlated")
+
+
+class Nodes(NamedTuple):
+    """What a table is made of: slopes along x, densities of slopes there up to a factor, the knee (a slope), and the exponent of the tail,
+    or None where the table is cut."""
+
+    slopes: Array
+    densities: Array
+    knee: float
+    tail_exponent: float | None
 
 
 class Ndf:
@@ -243,18 +253,18 @@ class Ndf:
         64 nodes keep G1 within 1e-3 and D within 1e-2 for most distributions: see ``sgtd ndf --resample``.
         """
         table = self._radial.resampled(nodes)
-        given = dict(
+        # the table was made at unit roughness
+        alpha_u, alpha_v = (stretch * table.width for stretch in self._stretch)
+        return type(self).tabulated(
             slopes=table.slopes,
             values=table.slope_densities,
             quantity="slope",
             knee=table.knee,
             tail="power" if table.tail_exponent else "cut",
             tail_exponent=table.tail_exponent or None,
+            **(dict(alpha=alpha_u) if alpha_u == alpha_v else dict(alpha_u=alpha_u, alpha_v=alpha_v)),
+            accuracy=self._accuracy,
         )
-        # the table was made at unit roughness
-        alpha_u, alpha_v = (stretch * table.width for stretch in self._stretch)
-        roughness = dict(alpha=alpha_u) if alpha_u == alpha_v else dict(alpha_u=alpha_u, alpha_v=alpha_v)
-        return type(self).tabulated(**given, **roughness, accuracy=self._accuracy)
 
     def __repr__(self) -> str:
         name = {"tabulated": "Ndf.tabulated", "mixture": "Ndf.mixture"}.get(self._row, "Ndf")
@@ -264,8 +274,29 @@ class Ndf:
         return functools.partial(self._maker, **self._given), ()
 
     @property
+    def table(self) -> Nodes | None:
+        """The nodes of a table at its roughness; None for anything else. The first node is at 0."""
+        radial = self._radial
+        if not radial.is_table:
+            return None
+        factor = self._stretch[0] / radial.width
+        return Nodes(
+            radial.slopes * factor, radial.slope_densities, radial.knee * factor, radial.tail_exponent or None
+        )
+
+    @property
+    def stretch(self) -> tuple[float, float]:
+        """What a stretched slope of 1 is as a slope, along x and along y: the roughness, with a factor for ``hyper_cauchy``."""
+        return self._stretch
+
+    @property
+    def mean_slope(self) -> float:
+        """Mean slope along x of D cos(theta) without the azimuth: of a table or a mixture, its ``alpha``."""
+        return self._core.mean * self._stretch[0]
+
+    @property
     def distribution(self) -> str:
-        """Row of the family, as it was given."""
+        """Row of the family as it was given, or ``tabulated`` or ``mixture``."""
         return self._row
 
     @property

@@ -293,6 +293,7 @@ Tables Ndf::tables() const {
     result.cells            = { m_impl->core->cells().data(), m_impl->core->cells().size() };
     result.precise_cells    = { m_impl->core->precise_cells().data(),
                                 m_impl->core->precise_cells().size() };
+    result.mean             = header.mean;
     result.by_odds          = header.by_odds;
     return result;
 }
@@ -326,13 +327,13 @@ std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated) const 
 
 std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated, double alpha_u,
                                                          double alpha_v) const {
-    return shared_missing_energies.get({ m_impl->key, m_impl->accuracy, correlated, alpha_u, alpha_v },
-                                       [&] {
-                                           return checked([&] {
-                                               return to_host(*sgtd::new_anisotropic_albedo(
-                                                   *m_impl->core, correlated, alpha_u, alpha_v));
-                                           });
-                                       });
+    return shared_missing_energies.get(
+        { m_impl->key, m_impl->accuracy, correlated, alpha_u, alpha_v }, [&] {
+            return checked([&] {
+                return to_host(
+                    *sgtd::new_anisotropic_albedo(*m_impl->core, correlated, alpha_u, alpha_v));
+            });
+        });
 }
 
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {

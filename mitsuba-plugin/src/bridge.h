@@ -164,6 +164,8 @@ struct Tables {
     /// Cells of a profile that is no member of the family, and the same in double precision
     Slice<const float> cells;
     Slice<const double> precise_cells;
+    /// Mean of the stretched slope
+    double mean;
     /// Are visible normals drawn over the odds F / (1 - F) instead of the squared slope?
     bool by_odds;
 };

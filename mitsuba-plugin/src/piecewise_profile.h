@@ -64,27 +64,28 @@ template <typename Value_> struct PiecewiseProfile {
         Mask near = dr::abs(z) < (Scalar).5;
         moment    = dr::select(
             near, (log_t.octave + log_t.rest) * P::exp2_ratio(dr::select(near, z, (Scalar)0)),
-            (P::power(less, log_t.octave, less * log_t.rest) - 1) / dr::select(near, (Scalar)1, less));
+            (P::power(less, log_t.octave, less * log_t.rest) - 1) /
+                dr::select(near, (Scalar)1, less));
         Value v = dr::fmadd(cell.mass, moment, cell.base);
         // v may have been rounded beyond an end of what lies between 0 and 1
         Mask above = cell.base < 0;
         Value odds = dr::select(above, (1 + v) / dr::maximum(-v, (Scalar)LeastMass), v / (1 - v));
-        return { cell.sqrt_f(log_t), dr::minimum(dr::maximum(odds, (Scalar)0), (Scalar)GreatestOdds) };
+        return { cell.sqrt_f(log_t),
+                 dr::minimum(dr::maximum(odds, (Scalar)0), (Scalar)GreatestOdds) };
     }
 
     /// The square of the slope below which the odds are `odds`, and f there.
     At draw(const Value &odds) const {
         Cell cell(*this, 1, odds);
-        Value v    = dr::select(odds < 1, odds, (Scalar)-1) / (1 + odds),
-              less = 1 - cell.exponent, moment = (v - cell.base) * cell.inv_mass,
-              x    = less * moment;
+        Value v = dr::select(odds < 1, odds, (Scalar)-1) / (1 + odds), less = 1 - cell.exponent,
+              moment = (v - cell.base) * cell.inv_mass, x = less * moment;
         typename P::Split split(dr::maximum(1 + x, (Scalar)1e-30));
         // 1 + x loses the digits of a small x, whose octave is 0
         Mask near = split.octave == 0;
         Log log_t;
-        Value all = dr::select(
-            near, moment * P::log2_ratio(dr::select(near, x, (Scalar)0)),
-            (split.octave + split.r * P::log2_ratio(split.r)) / dr::select(near, (Scalar)1, less));
+        Value all    = dr::select(near, moment * P::log2_ratio(dr::select(near, x, (Scalar)0)),
+                                  (split.octave + split.r * P::log2_ratio(split.r)) /
+                                      dr::select(near, (Scalar)1, less));
         log_t.octave = dr::minimum(dr::maximum(dr::round(all), (Scalar)-126), (Scalar)126);
         log_t.rest   = all - log_t.octave;
         Value power  = P::power_of_2(typename P::Int(log_t.octave)),
@@ -110,8 +111,8 @@ private:
             constexpr uint32_t Mantissa = (1u << 23) - 1u;
             using Bucket                = dr::Array<Value, BucketSize>;
             using Numbers               = dr::Array<Value, CellSize>;
-            Value at      = dr::detach(x);
-            UInt32 bits   = bits_of(at),
+            Value at                    = dr::detach(x);
+            UInt32 bits                 = bits_of(at),
                    entry  = whole(profile.template read<Value>(list * Octaves + (bits >> 23u)));
             UInt32 bucket = (entry >> 5u) + ((bits & Mantissa) >> (entry & 31u));
             Bucket starts = profile.template read<Bucket>(bucket);
@@ -140,8 +141,7 @@ private:
 
         Value sqrt_f(const Log &log_t) const {
             Value half = (Scalar)-.5 * exponent;
-            return P::power(half, log_t.octave,
-                            dr::fmadd(half, log_t.rest, (Scalar).5 * log_f));
+            return P::power(half, log_t.octave, dr::fmadd(half, log_t.rest, (Scalar).5 * log_f));
         }
     };
 

@@ -16,8 +16,8 @@ using namespace nb::literals;
 using sgtd::host::Ndf;
 using sgtd::host::Node;
 using sgtd::host::Radial;
-using sgtd::host::TableSource;
 using sgtd::host::Shape;
+using sgtd::host::TableSource;
 using sgtd::python::Array;
 using sgtd::python::in;
 using sgtd::python::Output;
@@ -179,9 +179,10 @@ NB_MODULE(_core, m) {
         .def_prop_ro("is_table", &Radial::is_table)
         .def_prop_ro("width", &Radial::width,
                      "The roughness at which a table or mixture is as it was given.")
-        .def_prop_ro("key", [](const Radial &radial) {
-            return nb::bytes(radial.key().data(), radial.key().size());
-        })
+        .def_prop_ro("key",
+                     [](const Radial &radial) {
+                         return nb::bytes(radial.key().data(), radial.key().size());
+                     })
         .def_prop_ro(
             "slopes", [](const Radial &radial) { return Output(radial.slopes()).release(); },
             nb::rv_policy::move)
@@ -211,8 +212,12 @@ NB_MODULE(_core, m) {
         .def_prop_ro("accuracy_reached",
                      [](const Ndf &ndf) { return ndf.tables().accuracy_reached; })
         .def_prop_ro("steepness", [](const Ndf &ndf) { return ndf.tables().steepness; })
-        .def_prop_ro("by_odds", [](const Ndf &ndf) { return ndf.tables().by_odds; },
-                     "Are visible normals tabulated over the odds of the profile?")
+        .def_prop_ro(
+            "mean", [](const Ndf &ndf) { return ndf.tables().mean; },
+            "Mean of the stretched slope.")
+        .def_prop_ro(
+            "by_odds", [](const Ndf &ndf) { return ndf.tables().by_odds; },
+            "Are visible normals tabulated over the odds of the profile?")
         .def_prop_ro("table_bytes",
                      [](const Ndf &ndf) {
                          auto tables = ndf.tables();

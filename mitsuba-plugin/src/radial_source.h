@@ -193,7 +193,7 @@ private:
     void read_table(const Properties &props) {
         m_kind = Kind::Table;
         std::string quantity(props.get<std::string_view>("quantity", "")),
-            tail = string::to_lower(props.get<std::string_view>("tail", ""));
+            tail                       = string::to_lower(props.get<std::string_view>("tail", ""));
         std::optional<double> exponent = number(props, "tail_exponent"),
                               knee     = number(props, "knee");
         bool angles = props.has_property("angles"), slopes = props.has_property("slopes"),
@@ -204,8 +204,8 @@ private:
                       "together: a table is in a file or in the scene, so choose one");
             std::string path =
                 file_resolver()->resolve(props.get<std::string_view>("filename")).string();
-            m_table = told(
-                [&] { return sgtd::host::TableSource::read(path, quantity, tail, exponent); });
+            m_table =
+                told([&] { return sgtd::host::TableSource::read(path, quantity, tail, exponent); });
             if (knee)
                 m_table.knee = knee;
             return;
@@ -319,9 +319,9 @@ private:
             if (equals == std::string::npos)
                 Throw("\"%s\" is not of the form name=value", token);
             std::string name = token.substr(0, equals), value = token.substr(equals + 1);
-            for (const char *known : { "weight", "alpha", "gamma", "p", "lambda", "shift",
-                                       "tail_exponent", "knee", "distribution", "filename",
-                                       "quantity", "tail", "" }) {
+            for (const char *known :
+                 { "weight", "alpha", "gamma", "p", "lambda", "shift", "tail_exponent", "knee",
+                   "distribution", "filename", "quantity", "tail", "" }) {
                 if (!*known)
                     Throw("parameter \"%s\" is unknown: there are weight, alpha, distribution, "
                           "gamma, p, lambda, shift, and filename, quantity, tail, tail_exponent, "
@@ -342,10 +342,9 @@ private:
                 rest += (rest.empty() ? "" : " ") + token;
         }
         Member member;
-        member.text = rest;
-        member.weight = props.get<double>("weight", 1.0);
-        std::string row =
-            string::to_lower(props.get<std::string_view>("distribution", "sgtd"));
+        member.text     = rest;
+        member.weight   = props.get<double>("weight", 1.0);
+        std::string row = string::to_lower(props.get<std::string_view>("distribution", "sgtd"));
         if (row == "mixture")
             Throw("a mixture of mixtures is one mixture: list all members in one");
         if (row == "tabulated") {
@@ -359,9 +358,9 @@ private:
                 return sgtd::host::shape_of_row(row, number(props, "gamma"), number(props, "p"),
                                                 number(props, "lambda"), number(props, "shift"));
             });
-            member.radial = Radial::family(shape.shape);
-            member.scale  = shape.alpha_scale;
-            member.alpha  = props.get<double>("alpha", 0.1);
+            member.radial              = Radial::family(shape.shape);
+            member.scale               = shape.alpha_scale;
+            member.alpha               = props.get<double>("alpha", 0.1);
         }
         for (const std::string &name : props.unqueried())
             Throw("parameter \"%s\" is not one of distribution \"%s\"", name, row);

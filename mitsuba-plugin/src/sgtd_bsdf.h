@@ -295,7 +295,7 @@ protected:
                 os << "  " << parameter.name << " = " << parameter.value << "," << std::endl;
         os << "  masking = " << (m_height_correlated ? "height_correlated" : "separable") << ","
            << std::endl
-           << "  sample_visible = " << (bool) m_sample_visible << "," << std::endl;
+           << "  sample_visible = " << (bool)m_sample_visible << "," << std::endl;
         if (m_bounded_asked)
             os << "  sample_bounded = " << *m_bounded_asked << "," << std::endl;
         os << "  accuracy = " << m_accuracy << "," << std::endl
@@ -655,8 +655,8 @@ private:
 
     // Choices first: see FrozenChoice
     MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_sample_bounded,
-                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_shown, m_alpha_u, m_alpha_v,
-                   m_tables, m_source.m_shown)
+                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_shown,
+                   m_alpha_u, m_alpha_v, m_tables, m_source.m_shown)
 };
 
 NAMESPACE_END(mitsuba)

@@ -405,7 +405,7 @@ private:
             std::tie(sin_phi, cos_phi) = dr::sincos(dr::TwoPi<Float> * u.y());
             azimuthal                  = dr::InvPi<Float>;
         } else {
-            bool bounded        = m_normals == Normals::Reflecting;
+            bool bounded = m_normals == Normals::Reflecting;
             std::tie(y, radial, root) =
                 sample_radius(view.row, bounded ? u.x() * view.share : u.x());
             if (bounded)

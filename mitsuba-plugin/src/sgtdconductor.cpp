@@ -193,7 +193,8 @@ public:
                       "before the call",
                       name);
         bool pair = changed(keys, "alpha_u") || changed(keys, "alpha_v");
-        if (!(m_node == before) || m_ndf != held || (m_missing_energy.fixed && pair && !recording<Float>()))
+        if (!(m_node == before) || m_ndf != held ||
+            (m_missing_energy.fixed && pair && !recording<Float>()))
             update_missing_energy();
         update_flags();
     }
@@ -273,8 +274,7 @@ public:
         std::ostringstream oss;
         oss << "SgtdConductor[" << std::endl;
         describe(oss);
-        oss << "  multiple_scattering = " << (bool) m_multiple_scattering
-            << "," << std::endl;
+        oss << "  multiple_scattering = " << (bool)m_multiple_scattering << "," << std::endl;
         if (m_specular_reflectance)
             oss << "  specular_reflectance = " << string::indent(m_specular_reflectance) << ","
                 << std::endl;

@@ -128,7 +128,7 @@ mod ffi {
         visible_cells: u32,
         accuracy_reached: f64,
         steepness: f64,
-        by_cells: bool,
+        mean: f64,
         by_odds: bool,
     }
 
@@ -556,7 +556,7 @@ impl Ndf {
             visible_cells: CELLS as u32,
             accuracy_reached: self.core.accuracy_reached(),
             steepness: self.cells.as_ref().map_or_else(|| self.core.steepness(), ProfileCells::steepness),
-            by_cells: self.cells.is_some(),
+            mean: self.core.profile().mean(),
             by_odds: self.core.profile().coordinate() == Coordinate::Odds,
         }
     }

@@ -174,6 +174,10 @@ fn files_say_what_arguments_say() {
     let swapped = written("swapped.csv", format!("value,slopes\r\n{}", swapped.join("\r\n")).as_bytes());
     let given_beside = read_table(&swapped, Some("slope"), Some("power"), Some(4.5));
     assert_eq!(table(given_beside.unwrap_or_else(|error| panic!("{error}"))).key(), wanted.key());
+    let more: Vec<String> = SLOPES.iter().zip(VALUES).map(|(x, value)| format!("7,{x},words,{value}")).collect();
+    let more = written("more.csv", format!("n,slope,note,density\n{}", more.join("\n")).as_bytes());
+    let of_more = read_table(&more, None, None, Some(4.5)).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(table(of_more).key(), wanted.key());
     let plain = written("plain.csv", b"0,1\n10,0.5\n20,0.1\n");
     let cut = read_table(&plain, Some("D_cos"), Some("cut"), None).unwrap_or_else(|error| panic!("{error}"));
     let angles = TableSource {
@@ -184,6 +188,7 @@ fn files_say_what_arguments_say() {
         tail: "cut".to_owned(),
         tail_exponent: None,
         knee: None,
+        path: String::new(),
     };
     let cut = table(cut);
     assert_eq!(cut.key(), table(angles.clone()).key());
@@ -201,7 +206,7 @@ fn errors_name_the_file() {
         ("none.csv", "angle,D\n", "has no rows of numbers"),
         ("words.csv", "0,1\n5,much\n", "line 2 has \"much\", which is not a number"),
         ("wide.csv", "0,1,2\n5,1,2\n", "line 1 has 3 columns, but must have 2"),
-        ("names.csv", "height,D\n0,1\n5,1\n", "line 1 names the columns height and D"),
+        ("names.csv", "height,D\n0,1\n5,1\n", "line 1 names the columns height, D"),
         ("order.csv", "0,1\n5,0.5\n3,0.1\n", "order.csv: \"angles\" in row 3 is 3"),
         ("tail.csv", "# tail: gauss\n0,1\n5,0.1\n", "line 1 has a tail \"gauss\""),
         ("knee.csv", "# knee: x\n0,1\n5,0.1\n", "must be a number"),

@@ -9,7 +9,7 @@ const FLOORS: &[&[&str]] = &[
     &["numerics"],
     &["profile"],
     &["family"],
-    &["masking"],
+    &["radial", "masking"],
     &["sampling"],
     &["ndf"],
     &["scattering", "batch"],

@@ -1,8 +1,8 @@
 //! Tables as files: CSV, and NumPy's npz.
 //!
 //! Two columns, or two arrays, with names: `angle` (degrees from the normal) or `slope` (their tangent), and `D`, `D_cos` (D cos θ), `slope_density`
-//! (D cos⁴ θ) or `value` (what it is, is said elsewhere); a plural `s` is allowed. A CSV without a line of names has angles first. What the two
-//! columns do not say may be said by lines `# knee: 0.3`, `# tail: cut`, `# tail_exponent: 4` of a CSV, and by arrays of one number `knee`,
+//! (D cos⁴ θ; `density` too) or `value` (what it is, is said elsewhere); a plural `s` is allowed, and other columns of a CSV are not read. A CSV
+//! without a line of names has two, angles first. What they do not say may be said by lines `# knee: 0.3`, `# tail: cut`, `# tail_exponent: 4` of a CSV, and by arrays of one number `knee`,
 //! `tail_exponent` and `tail_cut` (true or false) of an npz.
 
 use crate::error::ParameterError;
@@ -47,7 +47,7 @@ impl Column {
             "slope" => Some(Self::Slope),
             "d" => Some(Self::Value(Some("D"))),
             "d_cos" => Some(Self::Value(Some("D_cos"))),
-            "slope_density" | "slope_densitie" => Some(Self::Value(Some("slope"))),
+            "slope_density" | "slope_densitie" | "density" => Some(Self::Value(Some("slope"))),
             "value" => Some(Self::Value(None)),
             _ => None,
         }
@@ -74,7 +74,7 @@ type Problem = (String, &'static str);
 
 const NAMES: &str =
     "give two columns, named angle or slope, and D, D_cos, slope_density or value; without names, angles come first";
-const NUMBERS: &str = "each row is two numbers, separated by a comma";
+const NUMBERS: &str = "each row is two numbers, separated by a comma, or as many as the first line has names";
 const SAID: &str = "lines that begin with # may say knee, tail and tail_exponent";
 
 fn read_csv(file: File) -> Result<TableFile, Problem> {
@@ -107,31 +107,33 @@ fn read_csv(file: File) -> Result<TableFile, Problem> {
         .comment(Some(b'#'))
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());
-    // where the places are
-    let mut first = 0;
+    // where the places and the values are, and how many columns there are
+    let (mut columns, mut count) = ([0, 1], 2);
     for (k, record) in reader.records().enumerate() {
         let record = record.map_err(|error| (format!("cannot be read as CSV ({error})"), NUMBERS))?;
         let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != 2 {
-            return Err((format!("line {line} has {} columns, but must have 2", record.len()), NUMBERS));
+        if k == 0 && record.iter().all(|text| text.parse::<f64>().is_err()) {
+            let place =
+                record.iter().position(|name| matches!(Column::named(name), Some(Column::Angle | Column::Slope)));
+            let value = record.iter().position(|name| matches!(Column::named(name), Some(Column::Value(_))));
+            let (Some(place), Some(value)) = (place, value) else {
+                let names = record.iter().collect::<Vec<_>>().join(", ");
+                return Err((format!("line {line} names the columns {names}"), NAMES));
+            };
+            name_columns(&mut table, &record[place], &record[value]);
+            (columns, count) = ([place, value], record.len());
+            continue;
         }
-        let numbers: Vec<Option<f64>> = record.iter().map(|text| text.parse().ok()).collect();
-        match numbers[..] {
-            [Some(a), Some(b)] => {
-                table.places.push(if first == 0 { a } else { b });
-                table.values.push(if first == 0 { b } else { a });
+        if record.len() != count {
+            return Err((format!("line {line} has {} columns, but must have {count}", record.len()), NUMBERS));
+        }
+        let [place, value] = columns.map(|column| record[column].parse::<f64>().map_err(|_| &record[column]));
+        match (place, value) {
+            (Ok(place), Ok(value)) => {
+                table.places.push(place);
+                table.values.push(value);
             }
-            _ if k == 0 => {
-                let names = [&record[0], &record[1]];
-                first = match names.map(Column::named) {
-                    [Some(Column::Angle | Column::Slope), Some(Column::Value(_))] => 0,
-                    [Some(Column::Value(_)), Some(Column::Angle | Column::Slope)] => 1,
-                    _ => return Err((format!("line {line} names the columns {} and {}", names[0], names[1]), NAMES)),
-                };
-                name_columns(&mut table, names[first], names[1 - first]);
-            }
-            _ => {
-                let bad = if numbers[0].is_none() { &record[0] } else { &record[1] };
+            (Err(bad), _) | (_, Err(bad)) => {
                 return Err((format!("line {line} has \"{bad}\", which is not a number"), NUMBERS));
             }
         }
