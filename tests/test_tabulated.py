@@ -140,7 +140,8 @@ def test_alpha_is_the_mean_slope():
     doubled = slope_normals(2 * np.geomspace(0.01, 3, 20))
     assert wide.d(doubled) * doubled[:, 2] ** 4 == pytest.approx(ndf.d(m) * m[:, 2] ** 4 / 4, rel=1e-12)
     x = np.linspace(0, 1, 100001)[1:-1]
-    assert np.mean(ndf.quantile(x)) == pytest.approx(1.0, rel=2e-2)  # the tail of a power of 3.2 is slow
+    assert np.mean(ndf_of("giant").quantile(x)) == pytest.approx(1.0, rel=1e-4)
+    assert ndf_of("giant", alpha=0.2).mean_slope == pytest.approx(0.2, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,8 @@ def test_resampled_rows(shape):
     w = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     assert table.g1(w) == pytest.approx(exact.g1(w), rel=1.0e-3)
     d = exact.d(w)
-    bright = d > 1e-6 * d.max()
+    # seen as a density of slopes, whose tail no cosine lifts
+    bright = d * w[:, 2] ** 4 > 1e-6 * d.max()
     assert table.d(w)[bright] == pytest.approx(d[bright], rel=1e-2)
 
 
@@ -351,10 +353,17 @@ def test_glass_keeps_weights_below_one(variant, name):
     u = u[: len(wi)]
     wo, pdf, weight = sc.sample(bsdf, wi, u, mode=mi.TransportMode.Importance)
     valid = (weight[:, 0] > 0) & (np.abs(wo[:, 2]) > 1e-2)
-    assert valid.mean() > 0.8 and weight.max() < 1 + 1e-5
+    # (the density that is drawn from is near that of visible normals, not equal)
+    assert valid.mean() > 0.8 and weight.max() < 1.03 and np.mean(weight) < 1
     value, density = sc.evaluate(bsdf, wi[valid], wo[valid], mode=mi.TransportMode.Importance)
     assert np.quantile(sc.relative_error(density, pdf[valid]), 0.98) < 1e-3
-    assert np.quantile(sc.relative_error(value[:, 0] / density, weight[valid, 0]), 0.98) < 1e-3
+    # (a direction on the rim of the cone of upright facets may round to one beyond it)
+    seen = density > 0
+    assert seen.mean() > 0.998
+    assert (
+        np.quantile(sc.relative_error((value[:, 0] / np.where(seen, density, 1.0))[seen], weight[valid, 0][seen]), 0.98)
+        < 1e-3
+    )
     assert (wo[valid, 2] * wi[valid, 2] < 0).mean() > 0.4
 
 

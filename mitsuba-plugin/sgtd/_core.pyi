@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, overload
 
 import numpy
 from numpy.typing import NDArray
@@ -77,9 +77,91 @@ def first_of_wrong_length(w: Annotated[NDArray[numpy.float64], dict(order='C', d
 def first_outside(x: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], low: float, high: float) -> int:
     """Index of the first number of x that is not in [low, high]."""
 
-class Ndf:
-    """A validated shape with its tables."""
+class TableSource:
+    """A table as the user gives it."""
 
+    def __init__(self, places: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], by_angles: bool, values: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], quantity: str = 'D', tail: str = 'power', tail_exponent: float | None = None, knee: float | None = None, path: str = '') -> None: ...
+
+    @staticmethod
+    def read(path: str, quantity: str = '', tail: str = '', tail_exponent: float | None = None) -> TableSource:
+        """From a .csv or .npz file; what is left out is what the file says."""
+
+    @property
+    def places(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]: ...
+
+    @property
+    def by_angles(self) -> bool: ...
+
+    @property
+    def values(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]: ...
+
+    @property
+    def quantity(self) -> str: ...
+
+    @property
+    def tail(self) -> str: ...
+
+    @property
+    def tail_exponent(self) -> float | None: ...
+
+    @property
+    def knee(self) -> float | None: ...
+
+    @property
+    def path(self) -> str: ...
+
+class Radial:
+    """
+    What a distribution is made from: a member of the family, a table, or a mixture of these.
+    """
+
+    @staticmethod
+    def family(shape: Shape) -> Radial: ...
+
+    @staticmethod
+    def table(source: TableSource) -> Radial: ...
+
+    @staticmethod
+    def mixture(parts: Sequence[tuple[float, float, Radial]]) -> Radial:
+        """Weights, roughnesses and distributions."""
+
+    def resampled(self, nodes: int) -> Radial:
+        """The same as a table of so many nodes."""
+
+    @property
+    def is_family(self) -> bool: ...
+
+    @property
+    def is_table(self) -> bool: ...
+
+    @property
+    def width(self) -> float:
+        """The roughness at which a table or mixture is as it was given."""
+
+    @property
+    def key(self) -> bytes: ...
+
+    @property
+    def slopes(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]: ...
+
+    @property
+    def slope_densities(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]: ...
+
+    @property
+    def knee(self) -> float: ...
+
+    @property
+    def tail_exponent(self) -> float:
+        """0 if the table is cut."""
+
+class Ndf:
+    """A distribution with its tables."""
+
+    @overload
+    @staticmethod
+    def get(radial: Radial, accuracy: float, visible: bool = True) -> Ndf: ...
+
+    @overload
     @staticmethod
     def get(shape: Shape, accuracy: float, visible: bool = True) -> Ndf: ...
 
@@ -91,6 +173,14 @@ class Ndf:
 
     @property
     def steepness(self) -> float: ...
+
+    @property
+    def mean(self) -> float:
+        """Mean of the stretched slope."""
+
+    @property
+    def by_odds(self) -> bool:
+        """Are visible normals tabulated over the odds of the profile?"""
 
     @property
     def table_bytes(self) -> int: ...

@@ -143,7 +143,8 @@ class Ndf:
         """
         if (angles is None) == (slopes is None):
             raise ValueError('give either "angles" (in degrees) or "slopes" (their tangents)')
-        places = _list("slopes" if angles is None else "angles", slopes if angles is None else angles)
+        given_places: Any = slopes if angles is None else angles
+        places = _list("slopes" if angles is None else "angles", given_places)
         numbers = _list("values", values)
         given = dict(
             angles=angles if angles is None else places,
@@ -280,9 +281,7 @@ class Ndf:
         if not radial.is_table:
             return None
         factor = self._stretch[0] / radial.width
-        return Nodes(
-            radial.slopes * factor, radial.slope_densities, radial.knee * factor, radial.tail_exponent or None
-        )
+        return Nodes(radial.slopes * factor, radial.slope_densities, radial.knee * factor, radial.tail_exponent or None)
 
     @property
     def stretch(self) -> tuple[float, float]:

@@ -23,12 +23,20 @@ _QUANTITIES = ("D", "D_cos", "slope")
 
 @click.command("ndf", short_help="Show a distribution, make it a table, or say how a height map is distributed.")
 @click.argument("what", metavar="SHAPE|TABLE|HEIGHTS")
-@click.option("--alpha", type=float, help="Roughness of a shape (default 0.1); mean slope of a table (default: its own).")
-@click.option("--quantity", type=click.Choice(_QUANTITIES), help="What the values of a table are (default: what it says, or D).")
+@click.option(
+    "--alpha", type=float, help="Roughness of a shape (default 0.1); mean slope of a table (default: its own)."
+)
+@click.option(
+    "--quantity", type=click.Choice(_QUANTITIES), help="What the values of a table are (default: what it says, or D)."
+)
 @click.option("--tail", type=click.Choice(["power", "cut"]), help="What lies beyond the last row of a table.")
 @click.option("--tail-exponent", type=float, help="Exponent of that power, for the density of slopes.")
-@click.option("--resample", type=click.IntRange(2, 1000), metavar="NODES", help="Make a table of so many nodes; say its error.")
-@click.option("--to", type=click.Choice(_QUANTITIES), default="slope", help="Quantity of the table that is written (CSV).")
+@click.option(
+    "--resample", type=click.IntRange(2, 1000), metavar="NODES", help="Make a table of so many nodes; say its error."
+)
+@click.option(
+    "--to", type=click.Choice(_QUANTITIES), default="slope", help="Quantity of the table that is written (CSV)."
+)
 @click.option("--level", is_flag=True, help="Of a height map: take off the tilt, the mean slope of the facets.")
 @click.option(
     "--spacing",
@@ -85,7 +93,9 @@ def _table(path: Path, alpha: float | None, quantity: str | None, tail: str | No
     from ..ndf import Ndf
 
     try:
-        return Ndf.from_file(path, quantity=quantity, tail=tail, tail_exponent=tail_exponent, alpha=alpha, accuracy=1e-8)
+        return Ndf.from_file(
+            path, quantity=quantity, tail=tail, tail_exponent=tail_exponent, alpha=alpha, accuracy=1e-8
+        )
     except ValueError as error:
         raise UserError(str(error)) from error
 
@@ -108,7 +118,11 @@ def _show(ndf: Ndf, title: str, resample: int | None, to: str, output: Path | No
     for row in rows:
         shown.add_row(f"{row.angle:g}°", *(f"{value:.5g}" for value in list(asdict(row).values())[1:]))
     console.print(shown)
-    result: dict[str, Any] = {"distribution": title, "mean_slope": ndf.mean_slope, "rows": [asdict(row) for row in rows]}
+    result: dict[str, Any] = {
+        "distribution": title,
+        "mean_slope": ndf.mean_slope,
+        "rows": [asdict(row) for row in rows],
+    }
     table = ndf
     if resample is not None:
         table = ndf.resampled(resample)
@@ -126,7 +140,9 @@ def _show(ndf: Ndf, title: str, resample: int | None, to: str, output: Path | No
         if table.table is not None:
             write_table(table, files.path("ndf.csv"), to)
             write_table(table, files.path("ndf.npz"), to)
-    click.echo(f"Distribution: {output / 'ndf.png'}" + (f", table: {output / 'ndf.csv'}" if table.table is not None else ""))
+    click.echo(
+        f"Distribution: {output / 'ndf.png'}" + (f", table: {output / 'ndf.csv'}" if table.table is not None else "")
+    )
 
 
 def _heights(heights: Path, level: bool, spacing: tuple[float, float] | None, output: Path | None) -> None:

@@ -148,7 +148,8 @@ def _less_steep(material: Material) -> str:
 
 def _exponents(material: Material) -> list[str]:
     """Values next to those that scalar variants multiply out."""
-    shape, found = material.node_shape, []
+    found: list[str] = []
+    shape = material.node_shape
     if shape is None:
         return found
     if shape.p != 1.0 and abs(shape.p - 1.0) < 0.1:
