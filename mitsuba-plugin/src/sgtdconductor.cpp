@@ -61,6 +61,41 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
        sigma: Student's distribution at a roughness of alpha sqrt(2 / (gamma - 1))
      - ``beckmann``: none (gamma = inf, p = 1)
      - ``ggx``: none (gamma = 2, p = 1)
+     - ``tabulated``: a table, given by the parameters below
+     - ``mixture``: a weighted sum, given by ``members``
+
+ * - filename
+   - |string|
+   - A table as .csv or .npz, two columns or arrays with names: ``angle`` (degrees from the normal)
+     or ``slope``, and ``D``, ``D_cos``, ``slope_density`` or ``value``. (Default: none)
+
+ * - angles, slopes, values
+   - |string| or tensor
+   - The same in the scene: 2 to 1000 numbers. (Default: none)
+   - |exposed| (``values``)
+
+ * - quantity
+   - |string|
+   - What the values are: ``D``, ``D_cos`` (D cos(theta)) or ``slope`` (D cos(theta)^4, the density
+     of slopes). (Default: what the file says, or ``D``)
+
+ * - tail, tail_exponent
+   - |string|, |float|
+   - What lies beyond the last row: ``cut``, nothing, or ``power``, a power of the slope whose
+     exponent (of the density of slopes, above 3; GGX has 4) is that of the last two rows if it is
+     left out. (Default: what the file says, or ``power``)
+
+ * - knee
+   - |float|
+   - The slope k of the interpolation: ln f is linear in ln(k^2 + x^2) between two rows. (Default:
+     where the table is straightest)
+
+ * - members
+   - |string|
+   - Up to 16 members of a mixture, separated by semicolons: "weight=0.7 alpha=0.1
+     distribution=student gamma=1.6; weight=0.3 distribution=tabulated filename=haze.csv". Weights
+     are shares of the normals as seen from above. Shown by traverse as ``weights`` and ``alphas``.
+   - |exposed|
 
  * - gamma
    - |float|
@@ -148,6 +183,9 @@ tabulated as a pair, and again when one is changed; if a texture drives one of t
 the isotropic surface with their mean, and the balance of energy is approximate. Tables follow
 roughness up to 8. They hold E within 1e-3; where one does not (thin rings with two roughnesses), a
 warning tells the error. Equal materials share one.
+
+Of a table or a mixture, ``alpha`` is the mean slope. Left out, the distribution is as it was given;
+another value, a texture, or two roughnesses stretch its slopes until their mean is that.
 
 The shape parameters are exposed as numbers without derivatives. Changing one makes new tables, which
 a frozen function cannot record: it is done before the call, and the function follows. An update with

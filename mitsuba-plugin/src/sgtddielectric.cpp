@@ -42,7 +42,7 @@ Rough dielectric with an SGTD distribution (:monosp:`sgtddielectric`)
      warning. Physical values are 1. (Default: 1)
    - |exposed|, |differentiable|
 
- * - alpha, alpha_u, alpha_v, distribution, gamma, p, lambda, shift, mu, masking, sample_visible, accuracy
+ * - alpha, alpha_u, alpha_v, distribution, gamma, p, lambda, shift, mu, filename, angles, slopes, values, quantity, tail, tail_exponent, knee, members, masking, sample_visible, accuracy
    - as in :ref:`sgtdconductor <bsdf-sgtdconductor>`
    - Roughness, shape and sampling. Textures of roughness, exposure and defaults are the same too.
 
