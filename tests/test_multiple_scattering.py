@@ -1,5 +1,7 @@
 """Does the material with `multiple_scattering` return what single scattering loses, and cost nothing without it?"""
 
+import functools
+
 import conftest
 import drjit as dr
 import mitsuba as mi
@@ -21,6 +23,7 @@ def material(multiple=True, **properties):
     return sc.load(multiple_scattering=multiple, **properties)
 
 
+@functools.cache
 def sequence(count):
     """Three numbers per sample that are spread evenly (Roberts' sequence)."""
     index = np.arange(count, dtype=np.float64)
@@ -32,6 +35,7 @@ def interaction(wi, count, uv=(0.5, 0.5)):
     si = dr.zeros(mi.SurfaceInteraction3f, count) if count else dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(*(float(c) for c in wi))
     si.uv = mi.Point2f(*uv)
+    dr.make_opaque(si.wi, si.uv)  # one kernel for all views
     if "spectral" in mi.variant():
         si.wavelengths = type(si.wavelengths)([450.0, 520.0, 580.0, 650.0])
     return si
@@ -52,8 +56,18 @@ def draw(bsdf, wi, u, uv=(0.5, 0.5)):
     return bs.wo.numpy().T, bs.pdf.numpy(), np.stack([c.numpy() for c in sc.channel(weight)], axis=-1)
 
 
+@functools.cache
+def columns(count):
+    """The same as the material takes them."""
+    return [np.ascontiguousarray(c, dtype=np.float32) for c in sequence(count).T]
+
+
 def albedo(bsdf, wi, count, uv=(0.5, 0.5)):
-    return draw(bsdf, wi, sequence(count), uv)[2].astype(np.float64).mean(axis=0)
+    if sc.is_scalar():
+        return draw(bsdf, wi, sequence(count), uv)[2].astype(np.float64).mean(axis=0)
+    one, two, three = (mi.Float(c) for c in columns(count))
+    _, weight = bsdf.sample(mi.BSDFContext(), interaction(wi, count, uv), one, mi.Point2f(two, three))
+    return np.array([dr.mean(mi.Float64(c))[0] for c in sc.channel(weight)])
 
 
 def every_other(shape, number):
