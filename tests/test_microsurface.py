@@ -308,3 +308,35 @@ def test_an_interrupt_ends_a_long_call(tmp_path):
         _, said = process.communicate(timeout=20)
     assert process.returncode == 130 and said.strip().endswith("interrupted")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_measured_map_becomes_a_material(tmp_path):
+    """Heights, their slopes as a table, a distribution, and a surface of it again."""
+    ndf = sgtd.Ndf(distribution="gtd", gamma=3, p=1.2, alpha=0.4)
+    generate(ndf, n=256).save(tmp_path / "S.gsf")
+    (tmp_path / "S.json").unlink()
+    run("ndf", tmp_path / "S.gsf", "-o", tmp_path / "ndf")
+    table = sgtd.Ndf.from_file(tmp_path / "ndf" / "table.csv")
+    theta = np.radians([0, 30, 60, 80])
+    w = np.stack([np.sin(theta), np.zeros(4), np.cos(theta)], axis=-1)
+    assert table.g1(w) == pytest.approx(ndf.g1(w), rel=0.02)
+    assert table.d(w[:3]) == pytest.approx(ndf.d(w[:3]), rel=0.1)
+    run(
+        "surface",
+        "--shape",
+        tmp_path / "ndf" / "table.csv",
+        "-n",
+        64,
+        "--tolerance",
+        0.01,
+        "-o",
+        tmp_path / "again.npy",
+    )
+    again = Surface.load(tmp_path / "again.npy")
+    assert (
+        again.ndf.distribution == "tabulated" and again.agreement(again.ndf).ks == again.info["reached"]["ks"] <= 0.01
+    )
+    # a mixture is kept too
+    both = sgtd.Ndf.mixture([(0.8, sgtd.Ndf(distribution="ggx", alpha=0.2)), (0.2, table)])
+    generate(both, n=64, tolerance=0.02).save(tmp_path / "both.npy")
+    assert Surface.load(tmp_path / "both.npy").ndf.g1(w) == pytest.approx(both.g1(w), rel=1e-9)

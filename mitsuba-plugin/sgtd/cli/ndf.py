@@ -45,6 +45,13 @@ _QUANTITIES = ("D", "D_cos", "slope")
     metavar="DX DY",
     help="Of a height map: distances of points, in the unit of heights (default: the file's).",
 )
+@click.option(
+    "--gray",
+    type=float,
+    nargs=2,
+    metavar="LOW HIGH",
+    help="Of a height map of gray values: heights of black and white.",
+)
 @click.option("-o", "--output", type=PATH, help="Folder for ndf.csv, ndf.json and ndf.png.")
 def ndf_command(
     what: str,
@@ -56,6 +63,7 @@ def ndf_command(
     to: str,
     level: bool,
     spacing: tuple[float, float] | None,
+    gray: tuple[float, float] | None,
     output: Path | None,
 ) -> None:
     """Show a distribution, make it a table, or say how the slopes of a height map are distributed.
@@ -76,7 +84,7 @@ def ndf_command(
     if path.suffix.lower() in _TABLES:
         _show(_table(path, alpha, quantity, tail, tail_exponent), path.name, resample, to, output)
     elif path.exists():
-        _heights(path, level, spacing, output)
+        _heights(path, level, spacing, gray, output)
     else:
         from ..named_shape import parse_shape
 
@@ -145,15 +153,21 @@ def _show(ndf: Ndf, title: str, resample: int | None, to: str, output: Path | No
     )
 
 
-def _heights(heights: Path, level: bool, spacing: tuple[float, float] | None, output: Path | None) -> None:
+def _heights(
+    heights: Path,
+    level: bool,
+    spacing: tuple[float, float] | None,
+    gray: tuple[float, float] | None,
+    output: Path | None,
+) -> None:
     from ..microsurface import distribution, read_heights
     from ..microsurface.slope_table import print_slopes, write_slopes
 
-    surface = read_heights(heights, spacing, level)
+    surface = read_heights(heights, spacing, level, gray)
     found = distribution(surface.slopes())
     for note in surface.notes:
         click.echo(f"sgtd: {note}", err=True)
     print_slopes(surface, found, console_for_tables())
     if output is not None:
         write_slopes(surface, found, heights.name, output)
-        click.echo(f"Distribution: {output / 'ndf.csv'}")
+        click.echo(f"Distribution: {output / 'ndf.csv'}; as a table for materials: {output / 'table.csv'}")

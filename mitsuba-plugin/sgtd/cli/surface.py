@@ -12,13 +12,13 @@ from .session import Bars
 
 
 @click.command("surface", cls=CommandWithLists, short_help="Make a surface whose facets have a given distribution.")
-@click.option("--shape", required=True, metavar="ROW[:NAME=VALUE,...]", help='As "student:gamma=1.7".')
+@click.option(
+    "--shape", required=True, metavar="ROW[:NAME=VALUE,...]|TABLE", help='As "student:gamma=1.7", or a .csv or .npz.'
+)
 @click.option(
     "--alpha",
     type=Numbers(1e-6, 1e6, (1, 2)),
-    default="0.3",
-    show_default=True,
-    help="Roughness, or those along x and y.",
+    help="Roughness, or those along x and y (default: 0.3; of a table, its own).",
 )
 @click.option("-n", "size", type=click.IntRange(16, 16384), default=512, show_default=True, help="Points along a side.")
 @click.option(
@@ -49,7 +49,7 @@ from .session import Bars
 @click.option("--normals", type=PATH, help="Map of facet normals too, as floats: an .exr for Mitsuba's normalmap.")
 def surface_command(
     shape: str,
-    alpha: tuple[float, ...],
+    alpha: tuple[float, ...] | None,
     size: int,
     correlation: float,
     seed: int,
@@ -75,13 +75,20 @@ def surface_command(
     from ..microsurface.images import write_normals
     from ..microsurface.pictures import draw_surface
     from ..named_shape import parse_shape
+    from ..ndf import Ndf
 
-    named = parse_shape(shape)
     files.check_endings(list(outputs))
     if normals is not None and normals.suffix.lower() != ".exr":
         raise UserError(f"--normals {normals}: normals are floats, which an .exr holds")
     try:
-        ndf = named.ndf(alpha[0], alpha[-1], 1e-5)
+        if Path(shape).suffix.lower() in (".csv", ".npz"):
+            u, v = (alpha[0], alpha[-1]) if alpha else (None, None)
+            ndf = Ndf.from_file(shape, alpha_u=u, alpha_v=v)
+            title = Path(shape).name
+        else:
+            named = parse_shape(shape)
+            alpha = alpha or (0.3,)
+            ndf, title = named.ndf(alpha[0], alpha[-1], 1e-5), named.title
     except ValueError as error:
         raise UserError(str(error)) from error
     with Bars() as bars:
@@ -95,8 +102,8 @@ def surface_command(
             advance=bars.add("making", steps),
         )
     made.save(*outputs, tolerance=tolerance)
-    rough = f"α = {', '.join(f'{a:g}' for a in alpha)}"
-    plot = draw_surface(made, ndf, f"{named.title}, {rough}: {size} × {size} points, seed {seed}")
+    rough = f"α = {', '.join(f'{a:.3g}' for a in dict.fromkeys((ndf.alpha_u, ndf.alpha_v)))}"
+    plot = draw_surface(made, ndf, f"{title}, {rough}: {size} × {size} points, seed {seed}")
     for beside in dict.fromkeys(path.with_name(f"{path.stem}-picture.png") for path in outputs):
         with AtomicOutput(beside.parent) as pictures:
             pictures.path(beside.name).write_bytes(plot.png)

@@ -80,7 +80,7 @@ class View:
     single: dict[tuple[str, str], Scattered]
     """By model (target, mesh) and masking."""
     lobes: dict[str, Scattered]
-    """By masking; none for glass."""
+    """By masking; none for glass, and none for tables and mixtures, which the material is given as files."""
     g1: dict[str, float]
     """Of the surface, and of the target if there is one."""
     seen: tuple[Array, Array, Array]
@@ -137,7 +137,8 @@ def compare(
             if name in models
             for masking in MASKINGS
         }
-        lobes = {masking: lobe(ndf, setup, masking) for masking in MASKINGS} if ndf and walk else {}
+        family = ndf is not None and ndf.distribution not in ("tabulated", "mixture")
+        lobes = {masking: lobe(ndf, setup, masking) for masking in MASKINGS} if ndf and walk and family else {}
         g1 = {"mesh": float(surface.g1(setup.wi)), **({"target": float(ndf.g1(setup.wi))} if ndf else {})}
         seen = visible_shares(surface, setup, mesh)
         views.append(

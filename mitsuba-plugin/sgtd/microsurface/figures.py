@@ -126,17 +126,9 @@ def draw_directions(found: Comparison, view: View) -> Plot:
                 )
         if orders > 1 and view.walk:
             _line(axes, view, view.walk.scattered, 0, slice(1, None), in_plane, ORANGE, "-", "random walk, 2 and more")
-            _line(
-                axes,
-                view,
-                view.lobes["height_correlated"],
-                0,
-                slice(1, None),
-                in_plane,
-                PURPLE,
-                "-",
-                "lobe, 2 and more",
-            )
+        lobe = view.lobes.get("height_correlated")
+        if orders > 1 and lobe:
+            _line(axes, view, lobe, 0, slice(1, None), in_plane, PURPLE, "-", "lobe, 2 and more")
         style(axes)
     left.set_xlabel("degrees in the plane of incidence, light from the left")
     left.set_ylabel("energy per solid angle")

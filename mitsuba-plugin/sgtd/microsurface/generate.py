@@ -6,6 +6,7 @@ from .. import _core
 from ..errors import UserError
 from ..named_shape import parse_shape
 from ..ndf import Ndf
+from .described import describe
 from .surface import Surface
 from .watching import Advance, watched
 
@@ -44,7 +45,7 @@ def generate(
         )
     except ValueError as error:
         raise UserError(str(error)) from error
-    alpha_u, alpha_v = ndf._stretch
+    alpha_u, alpha_v = ndf.stretch
     surface = Surface(made.heights().reshape(n, n), (1.0, 1.0)).stretched(alpha_u, alpha_v)
     found = surface.agreement(ndf)
     reached = {name: getattr(found, name) for name in ("ks", "tv", "tv_independent", "worst_bin", "mean_error")}
@@ -57,7 +58,7 @@ def generate(
             f"{found.tv_independent:.2g}: {_mend(ndf)}"
         )
     info = {
-        "distribution": {**ndf._given},
+        "distribution": describe(ndf),
         "n": n,
         "correlation": correlation,
         "seed": seed,
@@ -80,4 +81,5 @@ def _distribution(shape: Ndf | str, alpha: float | tuple[float, float] | None) -
 
 
 def _mend(ndf: Ndf) -> str:
-    return "thin rings want twice the correlation length" if ndf.shift > 1.0 else "more points have more room for tails"
+    ring = ndf.distribution not in ("tabulated", "mixture") and ndf.shift > 1.0
+    return "thin rings want twice the correlation length" if ring else "more points have more room for tails"

@@ -189,7 +189,7 @@ def measure_model(ndf: Ndf, setup: Setup, advance: Advance = None) -> Measured:
     """The same on Smith's model of a surface: the random walk of Heitz et al. (2016), for mirrors and metals."""
     if setup.material.kind == "dielectric":
         raise UserError("the walk on the model knows mirrors and metals, not glass")
-    return _measured(setup, lambda watch: _core.measure_model(ndf._core, *ndf._stretch, setup.core, watch), advance)
+    return _measured(setup, lambda watch: _core.measure_model(ndf._core, *ndf.stretch, setup.core, watch), advance)
 
 
 def _measured(setup: Setup, call, advance: Advance) -> Measured:  # type: ignore[no-untyped-def]

@@ -27,7 +27,7 @@ def draw_surface(surface: Surface, ndf: Ndf | None, title: str) -> Plot:
     if ndf is None:
         _profile(panels[1], distribution(slopes))
     else:
-        x = np.linalg.norm(slopes / np.asarray(ndf._stretch), axis=1)
+        x = np.linalg.norm(slopes / np.asarray(ndf.stretch), axis=1)
         _histogram(panels[1], x, ndf)
         _errors(panels[2], x, ndf)
     figure.suptitle(title, x=0.01, ha="left", fontsize=12, weight="bold", color=INK)

@@ -51,13 +51,23 @@ def print_slopes(surface: Surface, found: SlopeDistribution, console: Any) -> No
 
 
 def write_slopes(surface: Surface, found: SlopeDistribution, title: str, folder: Path) -> None:
-    """``ndf.csv`` with the bins, ``ndf.json`` with all else, ``ndf.png``."""
+    """``ndf.csv`` with the bins, ``table.csv`` for ``Ndf.from_file`` and the plugins, ``ndf.json`` with all else, ``ndf.png``."""
     with AtomicOutput(folder) as files:
         with files.path("ndf.csv").open("w", newline="", encoding="utf-8") as file:
             rows = csv.writer(file)
             rows.writerow(("slope", "density", "from", "to", "share"))
             columns = (found.middles, found.density, found.edges[:-1], found.edges[1:], found.shares)
             rows.writerows([f"{value:.9g}" for value in row] for row in zip(*columns))
+        files.path("table.csv").write_text(_table(found), encoding="utf-8")
         text = json.dumps(as_dict(surface, found), indent=1, allow_nan=False)
         files.path("ndf.json").write_text(text + "\n", encoding="utf-8")
         files.path("ndf.png").write_bytes(draw_surface(surface, surface.ndf, title).png)
+
+
+def _table(found: SlopeDistribution) -> str:
+    """Slopes and their density at the scale of the map: two roughnesses are the mean of both, and to be given beside the table."""
+    scale = 0.5 * (found.alpha_u + found.alpha_v)
+    known = found.density > 0.0
+    lines = [f"# {found.facets} facets, alpha_u {found.alpha_u:.6g}, alpha_v {found.alpha_v:.6g}", "# tail: cut"]
+    rows = zip(found.middles[known] * scale, found.density[known])
+    return "\n".join([*lines, "slope,slope_density", *(f"{x:.9g},{f:.9g}" for x, f in rows)]) + "\n"

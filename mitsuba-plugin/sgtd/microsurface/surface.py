@@ -14,6 +14,7 @@ from .. import _core
 from ..errors import UserError, os_reason
 from ..ndf import Ndf
 from . import files
+from .described import restore
 from .height_map import HeightMap
 from .images import gray_values
 
@@ -144,7 +145,7 @@ class Surface:
     def ndf(self) -> Ndf | None:
         """The distribution that it was made for, if its sidecar says so."""
         given = self.info.get("distribution")
-        return Ndf(**given) if isinstance(given, dict) else None
+        return restore(given) if isinstance(given, dict) else None
 
     def save(self, *paths: Path | str, tolerance: float = 1e-3) -> None:
         """Writes files by their endings, and a sidecar beside them.
@@ -213,7 +214,7 @@ def read_heights(
 
 def ndf_agreement(slopes: Array, ndf: Ndf) -> _core.SlopeAgreement:
     """How near slopes (n, 2) are to a distribution at its roughness."""
-    return _core.slope_agreement(ndf._core, *ndf._stretch, slopes)
+    return _core.slope_agreement(ndf._core, *ndf.stretch, slopes)
 
 
 def ks_distance(first: Array, second: Array) -> float:
