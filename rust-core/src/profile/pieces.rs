@@ -4,7 +4,7 @@
 //! 0 are `e = −1`. The mass of a piece is in closed form, `∫ f ds = f₀/r · (t^(1−e) − 1)/(1−e)`, and so is its inverse.
 //!
 //! Other profiles are approached: r and e are chosen so that a piece has the profile's values at both ends and in the middle, and pieces are halved
-//! until ln f is as near as [`PERMITTED`] asks for.
+//! until ln f is as near as `PERMITTED` asks for.
 
 use crate::numerics::greatest;
 use crate::profile::Profile;
