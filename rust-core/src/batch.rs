@@ -5,6 +5,7 @@
 use crate::error::ParameterError;
 use crate::ndf::{Ndf, Normals, Roughness, Shadowing};
 use crate::profile::Profile;
+use crate::profile::derivatives::PARAMETERS;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -48,6 +49,23 @@ macro_rules! direction {
             rows: |ndf, alpha, w, _, out, _| {
                 for (out, w) in out.iter_mut().zip(w.chunks_exact(3)) {
                     *out = $call(ndf, alpha, DVec3::from_slice(w));
+                }
+            },
+        }
+    };
+}
+
+/// Derivatives of a function of a direction by 1/γ, p, λ and m; NaN for a profile that has none: `|ndf, alpha, w|`.
+macro_rules! gradient {
+    ($name:literal, $call:expr) => {
+        Query {
+            name: $name,
+            arguments: (3, 0),
+            results: (PARAMETERS, 0),
+            rows: |ndf, alpha, w, _, out, _| {
+                for (out, w) in out.chunks_exact_mut(PARAMETERS).zip(w.chunks_exact(3)) {
+                    let by: Option<[f64; PARAMETERS]> = $call(ndf, alpha, DVec3::from_slice(w));
+                    out.copy_from_slice(&by.unwrap_or([f64::NAN; PARAMETERS]));
                 }
             },
         }
@@ -104,6 +122,9 @@ pub const QUERIES: &[Query] = &[
     pair!("pdf_visible", Ndf::pdf_visible),
     pair!("pdf_projected", |ndf: &Ndf, alpha, _, m| ndf.pdf_projected(alpha, m)),
     pair!("pdf_reflecting", |ndf: &Ndf, alpha, wi, m| ndf.pdf(alpha, wi, m, Normals::Reflecting)),
+    gradient!("normalization_gradient", |ndf: &Ndf, _, _| ndf.log_normalization_gradient()),
+    gradient!("d_gradient", Ndf::d_gradient),
+    gradient!("lambda_gradient", Ndf::lambda_gradient),
     sampler!("sample_visible", Ndf::sample_visible),
     sampler!("sample_reflecting", |ndf: &Ndf, alpha, wi, u| ndf.sample(alpha, wi, u, Normals::Reflecting)),
     sampler!("sample_projected", |ndf: &Ndf, alpha, _, u| ndf.sample_projected(alpha, u)),

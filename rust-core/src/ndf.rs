@@ -19,8 +19,9 @@
 
 use crate::error::{ParameterError, require};
 use crate::masking::table::{FINEST_SINGLE, LambdaTable};
-use crate::masking::{MaskingIntegral, Rule};
+use crate::masking::{GradientTable, MaskingGradient, MaskingIntegral, Rule};
 use crate::numerics::greatest;
+use crate::profile::derivatives::PARAMETERS;
 use crate::profile::{Coordinate, Profile};
 use crate::sampling::azimuth::Azimuth;
 use crate::sampling::bounded::Horizon;
@@ -28,7 +29,7 @@ use crate::sampling::coordinate;
 use crate::sampling::visible_table::{Mixture, VisibleTable};
 use glam::DVec3;
 use std::f64::consts::PI;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Roughness along both tangents (Mitsuba's `alpha_u`, `alpha_v`).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,6 +92,8 @@ pub struct Ndf {
     accuracy: f64,
     /// A/π
     factor: f64,
+    /// made when derivatives are first asked for
+    gradient: OnceLock<Option<MaskingGradient>>,
 }
 
 /// A direction in stretched slope space, at any length: masking and sampling depend on ratios alone.
@@ -171,7 +174,16 @@ impl Ndf {
         let factor = profile.normalization() / PI;
         let quadrature = (accuracy == 0.0).then_some(masking);
         let coordinate = profile.coordinate();
-        Ok(Self { profile, lambda_table, visible_table, coordinate, quadrature, accuracy, factor })
+        Ok(Self {
+            profile,
+            lambda_table,
+            visible_table,
+            coordinate,
+            quadrature,
+            accuracy,
+            factor,
+            gradient: OnceLock::new(),
+        })
     }
 
     /// The radial profile.
@@ -206,6 +218,48 @@ impl Ndf {
     /// The relative error of G1 that calls of this object have.
     pub fn accuracy_reached(&self) -> f64 {
         if self.accuracy == 0.0 { 1e-12 } else { self.lambda_table.reached() }
+    }
+
+    /// How masking and A follow the parameters of the family, by quadrature; `None` for a profile that is not of the family.
+    fn gradient(&self) -> Option<&MaskingGradient> {
+        self.gradient.get_or_init(|| MaskingGradient::new(self.profile.as_ref(), Rule::REFERENCE)).as_ref()
+    }
+
+    /// `∂ ln A/∂θ` for θ = 1/γ, p, λ and m; `None` for a profile that is not of the family.
+    pub fn log_normalization_gradient(&self) -> Option<[f64; PARAMETERS]> {
+        Some(self.gradient()?.log_normalization())
+    }
+
+    /// `∂D/∂θ` for θ = 1/γ, p, λ and m, at a fixed roughness and normal; 0 at a cusp itself, where there may be none.
+    pub fn d_gradient(&self, alpha: Roughness, m: DVec3) -> Option<[f64; PARAMETERS]> {
+        let (log_a, derivatives) = (self.log_normalization_gradient()?, self.profile.derivatives()?);
+        let d = self.d(alpha, m);
+        if d == 0.0 {
+            return Some([0.0; PARAMETERS]);
+        }
+        let by = derivatives.log_f(norm(m.x / alpha.u, m.y / alpha.v) / m.z);
+        Some(std::array::from_fn(|k| d * (log_a[k] + by[k])))
+    }
+
+    /// `∂Λ/∂θ` for θ = 1/γ, p, λ and m, at a fixed roughness and direction, by quadrature whatever the accuracy; infinite where Λ is, 0 below
+    /// the horizon.
+    pub fn lambda_gradient(&self, alpha: Roughness, w: DVec3) -> Option<[f64; PARAMETERS]> {
+        let gradient = self.gradient()?;
+        let across = Stretched::new(alpha, w).across;
+        if w.z <= 0.0 || across == 0.0 {
+            return Some([0.0; PARAMETERS]);
+        }
+        let a = w.z / across;
+        let (_, by) = gradient.at(self.profile.as_ref(), a);
+        Some(by.map(|by| by.h / a))
+    }
+
+    /// The derivatives of H and A in the form that single-precision renderers read; `None` for a profile that is not of the family.
+    pub fn gradient_table(&self) -> Option<GradientTable> {
+        let profile = self.profile.as_ref();
+        // a table shows less than a finer rule would find
+        let gradient = MaskingGradient::new(profile, Rule::TABLE)?;
+        Some(GradientTable::new(profile, &gradient, &self.lambda_table))
     }
 
     /// `D(m) = A f(x) / (π σx σy cos⁴θ_m)`; 0 for m at or below the horizon.

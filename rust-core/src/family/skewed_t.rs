@@ -17,6 +17,7 @@ use crate::family::shape::Shape;
 use crate::family::student::StudentMasking;
 use crate::numerics::invert::{self, Monotone};
 use crate::numerics::quadrature::gauss;
+use crate::profile::derivatives::Derivatives;
 use crate::profile::{Masking, Profile, Tail};
 
 /// The SGTD profile at unit roughness.
@@ -260,6 +261,10 @@ impl Profile for SkewedT {
 
     fn tail(&self) -> Tail {
         self.tail
+    }
+
+    fn derivatives(&self) -> Option<&dyn Derivatives> {
+        Some(self)
     }
 
     fn masking(&self, q: f64) -> Option<Masking> {

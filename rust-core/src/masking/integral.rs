@@ -29,6 +29,15 @@ impl Rule {
     pub const REFERENCE: Self = Self { points: 24, depth: 745.0 };
     /// Relative error of a + H below 1e-9: for tables.
     pub const TABLE: Self = Self { points: 12, depth: 50.0 };
+
+    /// Gauss points per panel.
+    pub(super) fn points(self) -> usize {
+        self.points
+    }
+    /// How far below its peak, in units of ln, the profile is followed.
+    pub(super) fn depth(self) -> f64 {
+        self.depth
+    }
 }
 
 /// Kernel terms in (q/ρ)²; with ρ > 2q the first one left out is 2e-18.
@@ -296,7 +305,7 @@ impl Moments {
 
 /// Edges of panels: the profile's break points, refined until no panel is wider than twice its distance from ρ = 0
 /// and from the cusps.
-fn panel_edges(profile: &dyn Profile, depth: f64) -> Vec<f64> {
+pub(super) fn panel_edges(profile: &dyn Profile, depth: f64) -> Vec<f64> {
     let breaks = profile.breaks(depth);
     let singular = |x: f64| x == 0.0 || profile.cusps().contains(&x);
     let distance = |left: f64, right: f64| {

@@ -118,6 +118,24 @@ impl LambdaTable {
         self.reached
     }
 
+    /// The ends of each cell; the last one, in which nothing counts against a any more, has no end.
+    pub fn cells(&self) -> Vec<(f64, f64)> {
+        // exponents without a cell of their own share the first one
+        let first = self.octaves.iter().take_while(|octave| octave.start == 0).count();
+        let left_of = |exponent: usize| 2f64.powi(exponent as i32 - (f32::MAX_EXP - 1));
+        let mut cells = vec![(0.0, left_of(first))];
+        for (exponent, octave) in self.octaves.iter().enumerate().skip(first) {
+            if octave.shift == WHOLE {
+                cells.push((left_of(exponent), f64::INFINITY));
+                break;
+            }
+            let (left, parts) = (left_of(exponent), 1_u32 << (MANTISSA - octave.shift));
+            let at = |part: u32| left + left * f64::from(part) / f64::from(parts);
+            cells.extend((0..parts).map(|part| (at(part), at(part + 1))));
+        }
+        cells
+    }
+
     /// H(a), a ≥ 0.
     #[inline]
     pub fn h(&self, a: f64) -> f64 {

@@ -17,6 +17,7 @@
 //! ```
 
 pub mod cells;
+pub mod derivatives;
 pub mod mixture;
 pub mod pieces;
 pub mod resample;
@@ -110,6 +111,10 @@ pub trait Profile: Send + Sync {
     }
     /// How it ends.
     fn tail(&self) -> Tail;
+    /// How it follows its parameters, where that is known.
+    fn derivatives(&self) -> Option<&dyn derivatives::Derivatives> {
+        None
+    }
     /// H and S at q ≥ 0 in closed form, to 1e-12; `None` where there is none, or none that holds this. Masking is then found
     /// by quadrature.
     fn masking(&self, _q: f64) -> Option<Masking> {
