@@ -336,6 +336,17 @@ std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated, double
         });
 }
 
+Gradient Ndf::gradient() const {
+    return checked([&] {
+        rust::Box<sgtd::GradientTable> core = sgtd::new_gradient_table(*m_impl->core);
+        rust::Slice<const float> flat       = core->flat();
+        Gradient result;
+        result.log_normalization = core->log_normalization();
+        result.table.assign(flat.begin(), flat.end());
+        return result;
+    });
+}
+
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {
     return m_impl->core->d(alpha_u, alpha_v, to_core(m));
 }

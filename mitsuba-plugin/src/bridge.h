@@ -182,6 +182,16 @@ struct MissingEnergy {
     std::vector<float> table;
 };
 
+/// 1/gamma, p, lambda and shift: what derivatives are taken by.
+constexpr size_t ShapeParameters = 4;
+
+/// Derivatives of ln A and of the masking table by these.
+struct Gradient {
+    std::array<double, ShapeParameters> log_normalization;
+    /// Of each cell of the masking table, four coefficients for each parameter
+    std::vector<float> table;
+};
+
 /// Shape of a named row; parameters that were left out take their defaults.
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
                       std::optional<double> lambda, std::optional<double> shift);
@@ -272,6 +282,9 @@ public:
 
     /// Views into this object: valid for as long as it lives.
     Tables tables() const;
+
+    /// Made anew on every call. Throws for what is not of the family.
+    Gradient gradient() const;
 
     double d(double alpha_u, double alpha_v, const Vec3 &m) const;
     double projected_area(double alpha_u, double alpha_v, const Vec3 &w) const;

@@ -46,7 +46,7 @@ public:
         m_source.traverse(cb);
         for (size_t i = 0; i < Count; ++i)
             if (m_parameters[i].free)
-                cb->put(m_parameters[i].name, m_shown[i], ParamFlags::NonDifferentiable);
+                cb->put(m_parameters[i].name, m_shown[i], ParamFlags::Differentiable);
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
@@ -62,10 +62,9 @@ public:
                     Throw("parameter \"mu\" is given, so the shape depends on \"alpha\", which "
                           "cannot be changed inside a frozen function: change it before the call, "
                           "or give \"shift\" instead");
-                check_derivative(m_alpha_u->mean());
                 shape = !recording<Float>();
             }
-            if (shape)
+            if (!recording<Float>() && (shape || with_gradient() != m_gradient.which()))
                 update_shape();
             for (size_t i = 0; i < m_watched.size(); ++i)
                 m_watched[i].last = numbers[i];
@@ -203,6 +202,8 @@ protected:
 
     /// Takes back what was changed: for updates that are refused.
     void restore() {
+        for (Float &shown : m_shown)
+            shown = dr::detach(shown);
         for (const Watched &watched : m_watched)
             if (watched.last && constant(watched.texture) != watched.last) {
                 Writer writer(*watched.last);
@@ -230,6 +231,64 @@ protected:
     //  Use by the BSDF
     // ------------------------------------------------------------------
 
+    /// Has the shape a gradient here? While an integrator suspends them, it has none.
+    bool follows_shape() const {
+        if constexpr (dr::is_diff_v<Float>) {
+            const Which now = with_gradient();
+            for (size_t i = 0; i < Count; ++i)
+                if (now[i] && !m_gradient.which()[i])
+                    Throw("parameter \"%s\" has a gradient that the tables lack: call update() of "
+                          "the scene's parameters after dr.enable_grad()",
+                          m_parameters[i].name);
+            return m_gradient.any && now != Which{};
+        } else {
+            return false;
+        }
+    }
+
+    /// Calls `f` with the tables, which carry the gradients of the shape where there are any.
+    template <typename Function> auto with_tables(const Float &alpha, const Function &f) const {
+        if constexpr (dr::is_diff_v<Float>) {
+            if (follows_shape()) {
+                auto [excess, scale]           = shape_excess(alpha);
+                const SgtdTables<Float> tables = m_tables.following(m_gradient, excess, scale);
+                return f(tables);
+            }
+        } else {
+            DRJIT_MARK_USED(alpha);
+        }
+        return f(m_tables);
+    }
+
+    /**
+     * A sample where the shape has a gradient: direction and density are those of the shape as it
+     * is, and the value follows it.
+     *
+     * A direction that moved with the shape would carry light across the edges of what it hits,
+     * which no gradient sees. The density that is returned has the gradient of pdf(), so that
+     * weights of several strategies add up to 1 with their gradients.
+     */
+    std::pair<BSDFSample3f, Spectrum> sample_following(const BSDFContext &ctx,
+                                                       const SurfaceInteraction3f &si,
+                                                       Float sample1, const Point2f &sample2,
+                                                       Mask active) const {
+        BSDFSample3f bs;
+        Spectrum weight;
+        {
+            dr::suspend_grad<Float> suspended;
+            std::tie(bs, weight) = this->sample(ctx, si, sample1, sample2, active);
+        }
+        bs                = dr::detach(bs);
+        weight            = dr::detach(weight);
+        auto [value, pdf] = this->eval_pdf(ctx, si, bs.wo, active && bs.pdf > 0.f);
+        Mask follows      = pdf > 0.f && bs.pdf > 0.f;
+        Float at          = dr::select(follows, dr::detach(pdf), 1.f);
+        if constexpr (dr::is_diff_v<Float>)
+            bs.pdf *= dr::replace_grad(Float(1.f), dr::select(follows, pdf / at, 1.f));
+        // (light that passes straight on has no value to evaluate)
+        return { bs, dr::select(follows, value / at, weight) };
+    }
+
     /// Does Mitsuba's own distribution run, with its own sampling?
     bool mitsubas_own() const { return m_builtin && !m_sample_bounded; }
 
@@ -237,8 +296,6 @@ protected:
     std::pair<Float, Float> roughness(const SurfaceInteraction3f &si, const Mask &active) const {
         Float alpha_u = m_alpha_u->eval_1(si, active),
               alpha_v = m_anisotropic ? m_alpha_v->eval_1(si, active) : alpha_u;
-        if (m_parameters[Offset].is_mu)
-            check_derivative(alpha_u);
         if (m_builtin_scaled) {
             alpha_u *= m_tables.alpha_scale;
             alpha_v *= m_tables.alpha_scale;
@@ -285,6 +342,9 @@ protected:
                                              mueller::stokes_basis(-to_light), to_eye, axis_out,
                                              mueller::stokes_basis(to_eye));
     }
+
+    /// Why derivatives by the shape cannot be had, if so.
+    virtual const char *no_gradient() const { return nullptr; }
 
     /// Writes the lines of to_string() that all BSDFs have.
     void describe(std::ostream &os) const {
@@ -343,7 +403,17 @@ private:
             if (m_anisotropic || (props.has_property("alpha") && !plain_number(props, "alpha")))
                 Throw("parameter \"mu\" is given, but needs \"alpha\" as one number (the shape "
                       "depends on mu / alpha): give \"shift\" instead");
-            offset = { "mu", props.get<double>("mu"), true, true, true };
+            offset       = { "mu", props.get<double>("mu"), true, true };
+            offset.is_mu = true;
+        }
+
+        Parameter &tail = m_parameters[0];
+        if (props.has_property("inv_gamma")) {
+            if (tail.given)
+                Throw("parameters \"inv_gamma\" and \"gamma\" are given together: choose one "
+                      "(inv_gamma = 1 / gamma, 0 for an infinite gamma)");
+            tail            = { "inv_gamma", props.get<double>("inv_gamma"), true, false };
+            tail.is_inverse = true;
         }
 
         // A parameter is free if the row accepts it beside those that were given
@@ -356,7 +426,9 @@ private:
         for (size_t i = 0; i < Offset; ++i) {
             Parameter &parameter                = m_parameters[i];
             std::optional<double> probe[Offset] = { given[0], given[1], given[2] };
-            parameter.value                     = *(probe[i] = values[i]);
+            probe[i]                            = values[i];
+            if (!parameter.is_inverse)
+                parameter.value = values[i];
             try {
                 sgtd::host::shape_of_row(m_row, probe[0], probe[1], probe[2], {});
                 parameter.free = true;
@@ -379,7 +451,9 @@ private:
         /// Does the row leave it free?
         bool free;
         /// Is it an absolute slope, to be divided by the roughness?
-        bool is_mu;
+        bool is_mu = false;
+        /// Is it 1/gamma?
+        bool is_inverse = false;
     };
 
     /// The shape for the current values of the parameters for which `present` holds.
@@ -388,6 +462,15 @@ private:
         for (size_t i = 0; i < Count; ++i)
             if (m_parameters[i].*present)
                 values[i] = m_parameters[i].value;
+        if (m_parameters[0].is_inverse && values[0]) {
+            double inverse = *values[0];
+            if (!(inverse >= 0.0 && inverse < 1.0))
+                Throw(
+                    "parameter \"inv_gamma\" is %s, but must be at least 0 and below 1: it is 1 / "
+                    "gamma, 0 gives Gaussian-like tails, 0.5 those of GGX",
+                    inverse);
+            values[0] = 1.0 / inverse;
+        }
         try {
             if (!m_parameters[Offset].is_mu)
                 return sgtd::host::shape_of_row(m_row, values[0], values[1], values[2], values[3]);
@@ -448,7 +531,9 @@ private:
     void update_shape() {
         try {
             sgtd::host::RowShape row = resolve(&Parameter::free);
-            if (m_current && m_current->row.shape == row.shape) {
+            const Which gradient     = with_gradient();
+            const bool follows       = gradient != Which{};
+            if (m_current && m_current->row.shape == row.shape && gradient == m_gradient.which()) {
                 m_current->parameters = m_parameters;
                 show_parameters();
                 return;
@@ -459,7 +544,17 @@ private:
             sgtd::host::RowShape reduced = { node.shape, row.alpha_scale * node.alpha_scale };
             const sgtd::host::CodePath path =
                 sgtd::host::code_path(m_row, node, m_bounded_asked.value_or(false));
-            const bool builtin = path != sgtd::host::CodePath::Tables;
+            // A closed form knows nothing of its neighbors
+            const bool builtin = path != sgtd::host::CodePath::Tables && !follows;
+            double accuracy    = m_accuracy;
+            if (follows) {
+                if (const char *reason = no_gradient())
+                    Throw("the shape has a gradient, but %s", reason);
+                // Not the node: a skew without a shift has a derivative of its own, and a finer
+                // masking table, over whose cells derivatives are tabulated as well
+                reduced  = row;
+                accuracy = std::min(accuracy, 1e-7);
+            }
 
             std::shared_ptr<const sgtd::host::Ndf> ndf;
             SgtdTables<Float> tables;
@@ -467,13 +562,15 @@ private:
                 tables = SgtdTables<Float>::without(reduced.alpha_scale);
             } else {
                 try {
-                    ndf = sgtd::host::Ndf::get(
-                        reduced.shape, SgtdTables<Float>::accuracy(m_accuracy), m_sample_visible);
+                    ndf = sgtd::host::Ndf::get(reduced.shape, SgtdTables<Float>::accuracy(accuracy),
+                                               m_sample_visible);
                 } catch (const std::invalid_argument &error) {
                     Throw("%s", error.what());
                 }
-                tables = SgtdTables<Float>::load(*ndf, reduced, m_accuracy);
+                tables = SgtdTables<Float>::load(*ndf, reduced, accuracy);
             }
+            m_gradient =
+                follows ? ShapeGradient<Float>::load(*ndf, gradient) : ShapeGradient<Float>();
 
             m_builtin        = builtin;
             m_sample_bounded = m_can_bound && m_bounded_asked.value_or(!m_builtin);
@@ -485,6 +582,7 @@ private:
             m_ndf            = std::move(ndf);
             m_tables         = std::move(tables);
             m_node           = reduced;
+            m_scaled_by_tail = row.alpha_scale != 1.0;
             m_current        = { row, m_parameters };
             show_parameters();
         } catch (...) {
@@ -533,23 +631,65 @@ private:
         return std::strtod(text, nullptr);
     }
 
-    /// Gives traverse() the parameters as they are.
+    /// Gives traverse() the parameters as they are. One that has a gradient keeps it.
     void show_parameters() {
-        for (size_t i = 0; i < Count; ++i)
+        for (size_t i = 0; i < Count; ++i) {
+            if constexpr (dr::is_diff_v<Float>) {
+                if (dr::grad_enabled(m_shown[i])) {
+                    dr::make_opaque(m_shown[i]);
+                    continue;
+                }
+            }
             m_shown[i] = dr::opaque<Float>((ScalarFloat)m_parameters[i].value);
+        }
     }
 
-    /// Derivatives by a roughness that the shape depends on would lack that dependence.
-    static void check_derivative(const Float &alpha) {
+    // ------------------------------------------------------------------
+    //  Derivatives by the shape
+    // ------------------------------------------------------------------
+
+    using Which = typename ShapeGradient<Float>::Which;
+
+    /// Which of 1/gamma, p, lambda and shift have a gradient.
+    Which with_gradient() const {
+        Which result = {};
         if constexpr (dr::is_diff_v<Float>) {
-            if (dr::grad_enabled(alpha))
-                Throw(
-                    "parameter \"mu\" is given, so the shape depends on \"alpha\", and derivatives "
-                    "by \"alpha\" are not available: give \"shift\" instead, whose derivatives "
-                    "are those at a fixed shape");
-        } else {
-            DRJIT_MARK_USED(alpha);
+            for (size_t i = 0; i < Count; ++i)
+                result[i] = m_parameters[i].free && dr::grad_enabled(m_shown[i]);
+            // The shift is mu / alpha then
+            if (m_parameters[Offset].is_mu && dr::grad_enabled(m_alpha_u->mean()))
+                result[Offset] = true;
         }
+        return result;
+    }
+
+    /// What carries the gradients, and the factor on the roughness with its own; `alpha` is the
+    /// roughness that the user gave.
+    std::pair<ShapeExcess<Float>, Float> shape_excess(const Float &alpha) const {
+        ShapeExcess<Float> excess;
+        excess.which = with_gradient();
+        auto by      = [](const Float &x) { return x - dr::detach(x); };
+        Float scale  = m_tables.alpha_scale;
+        for (size_t i = 1; i < Offset; ++i)
+            if (excess.which[i])
+                excess.value[i] = by(m_shown[i]);
+        if (excess.which[0]) {
+            excess.value[0] = by(m_shown[0]);
+            // d(1/gamma) = -d(gamma)/gamma^2, which is 0 at infinity
+            const Float &k = m_tables.profile.inv_gamma_1;
+            if (!m_parameters[0].is_inverse)
+                excess.value[0] *= -dr::square(k / (1.f + k));
+            // sqrt(2/(gamma-1)) = sqrt(2 k), dk = (1+k)^2 d(1/gamma)
+            if (m_scaled_by_tail)
+                scale = dr::fmadd(scale, excess.value[0] * dr::square(1.f + k) / (2.f * k), scale);
+        }
+        if (excess.which[Offset])
+            excess.value[Offset] =
+                by(m_parameters[Offset].is_mu
+                       ? Float(m_shown[Offset] /
+                               dr::maximum(alpha * scale, (ScalarFloat)sgtd::host::LeastAlpha))
+                       : m_shown[Offset]);
+        return { excess, scale };
     }
 
     // ------------------------------------------------------------------
@@ -617,6 +757,8 @@ protected:
     FrozenChoice<Float> m_cells, m_odds;
     std::shared_ptr<const sgtd::host::Ndf> m_ndf;
     SgtdTables<Float> m_tables;
+    /// Empty unless a parameter of the shape has a gradient
+    ShapeGradient<Float> m_gradient;
     /// The lowest node that the numbers allow, and the factor on the user's roughness there
     sgtd::host::RowShape m_node;
 
@@ -625,15 +767,17 @@ private:
     bool m_can_bound = false;
     std::optional<bool> m_bounded_asked;
     double m_accuracy;
+    /// Does the factor on the roughness depend on gamma, as that of hyper_cauchy?
+    bool m_scaled_by_tail = false;
 
     /// Name of the row, and its parameters; the last one is the shift or mu.
     static constexpr size_t Offset = 3, Count = 4;
     using Parameters = std::array<Parameter, Count>;
     std::string m_row;
-    Parameters m_parameters = { { { "gamma", 0.0, false, false, false },
-                                  { "p", 0.0, false, false, false },
-                                  { "lambda", 0.0, false, false, false },
-                                  { "shift", 0.0, false, true, false } } };
+    Parameters m_parameters = { { { "gamma", 0.0, false, false },
+                                  { "p", 0.0, false, false },
+                                  { "lambda", 0.0, false, false },
+                                  { "shift", 0.0, false, true } } };
     /// The same for traverse(). Values stay in double precision: what was given is not rounded.
     Float m_shown[Count];
 
@@ -655,8 +799,8 @@ private:
 
     // Choices first: see FrozenChoice
     MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_sample_bounded,
-                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_shown,
-                   m_alpha_u, m_alpha_v, m_tables, m_source.m_shown)
+                   m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_gradient,
+                   m_shown, m_alpha_u, m_alpha_v, m_tables, m_source.m_shown)
 };
 
 NAMESPACE_END(mitsuba)

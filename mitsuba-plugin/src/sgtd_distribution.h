@@ -283,8 +283,27 @@ private:
                shift = entry & 31u,
                cell  = (entry >> 5u) + ((bits & Mantissa) >> shift) + Tables::Entries / 4;
         Float d      = a - dr::reinterpret_array<Float>((bits >> shift) << shift);
-        Vector4f c   = Tables::template read<Vector4f>(m_tables.lambda, cell);
-        return positive(dr::fmadd(d, dr::fmadd(d, dr::fmadd(d, c.w(), c.z()), c.y()), c.x()));
+        auto cubic   = [](const Vector4f &c, const Float &x) {
+            return dr::fmadd(x, dr::fmadd(x, dr::fmadd(x, c.w(), c.z()), c.y()), c.x());
+        };
+        Float h = cubic(Tables::template read<Vector4f>(m_tables.lambda, cell), d);
+        if constexpr (dr::is_diff_v<Float>) {
+            if (m_tables.gradient) {
+                const ShapeExcess<Float> &excess = m_tables.excess;
+                Float at                         = dr::detach(d);
+                for (uint32_t k = 0; k < excess.which.size(); ++k)
+                    if (excess.which[k])
+                        h = dr::fmadd(
+                            excess.value[k],
+                            cubic(Tables::template read<Vector4f>(
+                                      m_tables.gradient->table,
+                                      (cell - Tables::Entries / 4) * (uint32_t)excess.which.size() +
+                                          k),
+                                  at),
+                            h);
+            }
+        }
+        return positive(h);
     }
 
     /// A stretched direction.
@@ -395,7 +414,28 @@ private:
                 azimuthal /= view.share;
         }
         Float stretched = radial * azimuthal;
-        return dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
+        Float result    = dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
+        if constexpr (dr::is_diff_v<Float>)
+            if (m_tables.gradient)
+                result *= dr::replace_grad(Float(1.f), relative_to_shape(view, y));
+        return result;
+    }
+
+    /**
+     * The density of a facet in units of itself, for its gradient by the shape: that of the visible
+     * normals, D (wi.m) / projected area, or of all of them, D cos. (The tables that are drawn from
+     * are those of the shape as it is. The share of the radii that a bound leaves has no gradient.)
+     */
+    Float relative_to_shape(const View &view, const Float &y) const {
+        Float root   = m_tables.profile.sqrt_f(dr::detach(y)),
+              at     = dr::maximum(dr::detach(root), 1e-18f),
+              result = m_tables.factor / dr::detach(m_tables.factor) * dr::square(root / at);
+        if (m_normals != Normals::All) {
+            Float c = dr::detach(view.c), s = dr::detach(view.s),
+                  area = dr::fmadd(s, masked_slope(c * dr::detach(view.inv_s)), c);
+            result *= dr::detach(area) / area;
+        }
+        return result;
     }
 
     Sample sample(const View &view, const Point2f &u) const {

@@ -24,6 +24,9 @@ template <typename Value_> struct SgtdProfile {
     /// 1 / (gamma - 1), gamma (finite), p, shift, 1 / (1 + lambda), 1 / (1 - lambda)
     Value inv_gamma_1, gamma, p, shift, inv_outer, inv_inner;
 
+    /// Does p carry a gradient? Then p = 1 must not be taken out of the derivative.
+    bool p_follows = false;
+
     static SgtdProfile load(const sgtd::host::Shape &shape) {
         SgtdProfile result;
         result.inv_gamma_1 = (Scalar)(1.0 / (shape.gamma - 1.0));
@@ -34,6 +37,29 @@ template <typename Value_> struct SgtdProfile {
         result.inv_inner   = (Scalar)(1.0 / (1.0 - shape.lambda));
         dr::make_opaque(result.inv_gamma_1, result.gamma, result.p, result.shift, result.inv_outer,
                         result.inv_inner);
+        return result;
+    }
+
+    /// The same with the gradients of 1/gamma, p, lambda and shift.
+    template <typename Excess> SgtdProfile following(const Excess &excess) const {
+        SgtdProfile result = *this;
+        auto by            = [&](size_t k) { return Value(excess.value[k]); };
+        if (excess.which[0]) {
+            result.inv_gamma_1 = dr::fmadd(by(0), dr::square(1 + inv_gamma_1), inv_gamma_1);
+            // Beyond, only inv_gamma_1 counts where f is not 0, and the square is not finite
+            result.gamma = dr::fnmadd(
+                by(0), dr::select(gamma < (Scalar)1e6, dr::square(gamma), (Scalar)0), gamma);
+        }
+        if (excess.which[1]) {
+            result.p         = p + by(1);
+            result.p_follows = true;
+        }
+        if (excess.which[2]) {
+            result.inv_outer = dr::fnmadd(by(2), dr::square(inv_outer), inv_outer);
+            result.inv_inner = dr::fmadd(by(2), dr::square(inv_inner), inv_inner);
+        }
+        if (excess.which[3])
+            result.shift = shift + by(3);
         return result;
     }
 
@@ -53,7 +79,10 @@ template <typename Value_> struct SgtdProfile {
         if constexpr (!dr::is_jit_v<Value>)
             if (p == 1)
                 return sqrt_f_of(x2);
-        Value u = dr::select(p == 1, x2, power(p, split.octave, p * split.r * log2_ratio(split.r)));
+        // u = x2^p
+        Value at_1 = p_follows ? Value(x2 * dr::fmadd(p - 1, dr::log(x2), (Scalar)1)) : x2;
+        Value u =
+            dr::select(p == 1, at_1, power(p, split.octave, p * split.r * log2_ratio(split.r)));
         return sqrt_f_of(u);
     }
 

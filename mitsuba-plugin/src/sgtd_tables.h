@@ -8,6 +8,7 @@
 
 #include "piecewise_profile.h"
 #include "sgtd_profile.h"
+#include "shape_gradient.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -61,6 +62,32 @@ template <typename Float_> struct SgtdTables {
     /// Entries and cubics of the masking table; knots y = rho^2 and rows of the visible-normal
     /// table: lists of y and of the masses above a knot, pairs (y, width) and (mass, densities)
     FloatBuffer lambda, visible;
+
+    /// What carries the gradients of the shape, if any has one: only in what `following` returns
+    const ShapeGradient<Float> *gradient = nullptr;
+    ShapeExcess<Float> excess;
+
+    /// The same with the gradients of the shape, and of a factor on the roughness that depends on
+    /// it. `derivatives` must outlive the result.
+    SgtdTables following(const ShapeGradient<Float> &derivatives, const ShapeExcess<Float> &by,
+                         const Float &scale) const {
+        SgtdTables result = *this;
+        result.gradient   = &derivatives;
+        result.excess     = by;
+        Float log_a       = 0.f;
+        const auto each   = derivatives.log_normalization();
+        for (size_t k = 0; k < each.size(); ++k)
+            if (by.which[k])
+                log_a = dr::fmadd(by.value[k], each[k], log_a);
+        result.factor      = dr::fmadd(factor, log_a, factor);
+        result.profile     = profile.following(by);
+        result.alpha_scale = scale;
+        if (steep) {
+            result.precise       = precise.following(by);
+            result.precise_scale = dr::replace_grad(precise_scale, Double(scale));
+        }
+        return result;
+    }
 
     /**
      * What a material on Mitsuba's own distribution has instead of tables: nothing but a factor on

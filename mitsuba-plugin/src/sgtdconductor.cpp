@@ -201,7 +201,8 @@ template <typename Float, typename Spectrum> class SgtdConductor final
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
                    m_height_correlated, m_builtin, m_ndf, m_node, m_tables, changed, check_constant,
-                   constant, describe, mitsubas_own, normals, roughness, to_stokes_bases, watch)
+                   constant, describe, follows_shape, mitsubas_own, normals, roughness,
+                   sample_following, to_stokes_bases, watch, with_tables)
     MI_IMPORT_TYPES(Texture)
 
     SgtdConductor(const Properties &props) : Base(props, true) {
@@ -258,6 +259,8 @@ public:
         active &= Frame3f::cos_theta(si.wi) > 0.f;
         if (unlikely(!ctx.is_enabled(BSDFFlags::GlossyReflection) || dr::none_or<false>(active)))
             return { dr::zeros<BSDFSample3f>(), 0.f };
+        if (follows_shape())
+            return sample_following(ctx, si, sample1, sample2, active);
         return with_facets(si, active, [&](const auto &facets) {
             auto drawn = facets.draw(si.wi, sample2);
             if (m_multiple_scattering)
@@ -288,7 +291,8 @@ public:
     std::tuple<Spectrum, Float, BSDFSample3f, Spectrum>
     eval_pdf_sample(const BSDFContext &ctx, const SurfaceInteraction3f &si, const Vector3f &wo,
                     Float sample1, const Point2f &sample2, Mask active) const override {
-        if (mitsubas_own() || m_multiple_scattering || !ctx.is_enabled(BSDFFlags::GlossyReflection))
+        if (mitsubas_own() || m_multiple_scattering || follows_shape() ||
+            !ctx.is_enabled(BSDFFlags::GlossyReflection))
             return Base::eval_pdf_sample(ctx, si, wo, sample1, sample2, active);
         MI_MASKED_FUNCTION(ProfilerPhase::BSDFSample, active);
 
@@ -323,6 +327,14 @@ public:
     }
 
     MI_DECLARE_CLASS(SgtdConductor)
+
+protected:
+    const char *no_gradient() const override {
+        return m_multiple_scattering
+                   ? "multiple_scattering is on, whose tables have no derivatives: turn it off to "
+                     "differentiate by gamma, p, lambda, shift or mu"
+                   : nullptr;
+    }
 
 private:
     // ------------------------------------------------------------------
@@ -417,9 +429,11 @@ private:
         if (m_builtin)
             return f(ReflectingFacets<Float, Spectrum, Closed>(
                 alpha_u, alpha_v, m_height_correlated, alpha_u, alpha_v));
-        return f(ReflectingFacets<Float, Spectrum, Tables>(
-            alpha_u * m_tables.alpha_scale, alpha_v * m_tables.alpha_scale, m_height_correlated,
-            *m_ndf, m_tables, alpha_u, alpha_v, normals(), !m_anisotropic));
+        return with_tables(alpha_u, [&](const SgtdTables<Float> &tables) {
+            return f(ReflectingFacets<Float, Spectrum, Tables>(
+                alpha_u * tables.alpha_scale, alpha_v * tables.alpha_scale, m_height_correlated,
+                *m_ndf, tables, alpha_u, alpha_v, normals(), !m_anisotropic));
+        });
     }
 
     /// The roughness as the table of missing energy knows it.

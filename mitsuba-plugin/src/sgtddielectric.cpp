@@ -84,8 +84,9 @@ template <typename Float, typename Spectrum> class SgtdDielectric final
     : public SgtdBSDF<Float, Spectrum> {
 public:
     MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
-                   m_height_correlated, m_ndf, m_tables, changed, check_constant, describe, normals,
-                   restore, to_stokes_bases, watch)
+                   m_height_correlated, m_ndf, m_tables, changed, check_constant, describe,
+                   follows_shape, normals, restore, sample_following, to_stokes_bases, watch,
+                   with_tables)
     MI_IMPORT_TYPES(Texture)
 
     SgtdDielectric(const Properties &props) : Base(props, false) {
@@ -165,6 +166,8 @@ public:
         active &= cos_i > 0.f;
         if (unlikely((!reflects && !transmits) || dr::none_or<false>(active)))
             return { bs, 0.f };
+        if (follows_shape())
+            return sample_following(ctx, si, sample1, sample2, active);
         // A view from below is turned about the origin: D and G are even
         Vector3f wi = dr::mulsign(si.wi, side);
 
@@ -333,9 +336,11 @@ private:
         return Base::template with_facets<BuiltinRefractingFacets<Float, Spectrum>>(
             si, active,
             [&](const Float &alpha_u, const Float &alpha_v, const auto &f_) {
-                return f_(RefractingFacets<Float, Spectrum>(m_height_correlated, *m_ndf, m_tables,
-                                                            alpha_u, alpha_v, normals(),
-                                                            !m_anisotropic));
+                return with_tables(alpha_u, [&](const SgtdTables<Float> &tables) {
+                    return f_(RefractingFacets<Float, Spectrum>(m_height_correlated, *m_ndf, tables,
+                                                                alpha_u, alpha_v, normals(),
+                                                                !m_anisotropic));
+                });
             },
             f);
     }

@@ -8,6 +8,7 @@ use crate::batch::{self, Query};
 use crate::error::ParameterError;
 use crate::family::shape::{Row, Shape};
 use crate::family::tree::Node as CoreNode;
+use crate::masking::GradientTable as CoreGradientTable;
 use crate::masking::table::ENTRIES;
 use crate::ndf::{INVALID, Ndf as CoreNdf, NormalSample as CoreSample, Normals as CoreNormals, Roughness, Shadowing};
 use crate::profile::{Coordinate, ProfileCells, TabulatedProfile};
@@ -195,6 +196,7 @@ mod ffi {
         type Parts;
         type Ndf;
         type AlbedoTable;
+        type GradientTable;
 
         fn radial_of_shape(shape: [f64; 4]) -> Result<Box<Radial>>;
         fn radial_of_table(source: &TableSource) -> Result<Box<Radial>>;
@@ -219,6 +221,10 @@ mod ffi {
         fn new_anisotropic_albedo(ndf: &Ndf, correlated: bool, alpha_u: f64, alpha_v: f64) -> Result<Box<AlbedoTable>>;
         fn albedo_header(self: &AlbedoTable) -> AlbedoHeader;
         fn flat(self: &AlbedoTable) -> &[f32];
+
+        fn new_gradient_table(ndf: &Ndf) -> Result<Box<GradientTable>>;
+        fn log_normalization(self: &GradientTable) -> [f64; 4];
+        fn flat(self: &GradientTable) -> &[f32];
 
         fn header(self: &Ndf) -> TableHeader;
         fn lambda_table(self: &Ndf) -> &[f32];
@@ -520,6 +526,24 @@ impl AlbedoTable {
             views: self.0.grid().0 as u32,
             columns: self.0.grid().1 as u32,
         }
+    }
+
+    fn flat(&self) -> &[f32] {
+        self.0.flat()
+    }
+}
+
+/// The opaque table of derivatives that C++ holds.
+pub struct GradientTable(CoreGradientTable);
+
+fn new_gradient_table(ndf: &Ndf) -> Result<Box<GradientTable>, ParameterError> {
+    let table = ndf.0.gradient_table().ok_or(ParameterError::NoGradient)?;
+    Ok(Box::new(GradientTable(table)))
+}
+
+impl GradientTable {
+    fn log_normalization(&self) -> [f64; 4] {
+        self.0.log_normalization()
     }
 
     fn flat(&self) -> &[f32] {

@@ -56,6 +56,9 @@ pub enum ParameterError {
         /// The value that was given.
         value: f64,
     },
+    /// Derivatives by the shape of something that has none.
+    #[error("the distribution is not of the family, so it has no derivatives by gamma, p, lambda and shift")]
+    NoGradient,
     /// No such row.
     #[error("distribution \"{given}\" is unknown: choose one of {known}")]
     UnknownRow {
