@@ -37,8 +37,8 @@ python-test: lint
 	$(BIN)/python -m pytest tests $(WORKERS)
 
 lint: $(VENV)/test-tools
-	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches
-	$(BIN)/ruff check --quiet mitsuba-plugin tests benches
+	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches examples
+	$(BIN)/ruff check --quiet mitsuba-plugin tests benches examples
 	$(BIN)/clang-format --dry-run --Werror mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 	cd mitsuba-plugin && $(CURDIR)/$(BIN)/mypy
 
@@ -64,7 +64,7 @@ report: $(VENV)/installed
 
 format: $(VENV)/test-tools
 	cargo fmt --all
-	$(BIN)/ruff format mitsuba-plugin tests benches
+	$(BIN)/ruff format mitsuba-plugin tests benches examples
 	$(BIN)/clang-format -i mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 
 # Says what a bare Debian machine lacks: a compiler, the venv module, libLLVM, a recent cargo; installs it with CI=true.

@@ -198,10 +198,10 @@ def test_tables_are_not_parameters(variant):
 
 
 def test_flags_of_parameters(llvm):
-    """What cannot be differentiated says so."""
+    """What can be differentiated says so."""
     params = mi.traverse(sc.load(gamma=1.8, alpha=0.2))
     flags = {key: int(params.flags(key)) for key in params.keys()}
-    assert flags["gamma"] & int(mi.ParamFlags.NonDifferentiable)
+    assert not flags["gamma"] & int(mi.ParamFlags.NonDifferentiable)
     assert not flags["alpha.value"] & int(mi.ParamFlags.NonDifferentiable)
     assert flags["alpha.value"] & int(mi.ParamFlags.Discontinuous)
 

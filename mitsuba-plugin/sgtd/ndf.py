@@ -397,6 +397,33 @@ class Ndf:
         normals, pdf = np.split(self._core.eval(query, *self._stretch, views, numbers), [views.size])
         return normals.reshape((*shape, 3)), pdf.reshape(shape)
 
+    def gradient(self, quantity: str, w: ArrayLike | None = None) -> dict[str, Array]:
+        """Derivatives of a quantity by the parameters of the shape, at a fixed roughness.
+
+        ``quantity`` is ``"d"`` (of normals ``w``), ``"lambda"`` (of directions ``w``) or ``"normalization"`` (A, without ``w``).
+        The result has an array (...) for each of ``gamma``, ``inv_gamma`` (1/gamma, which has a derivative at gamma = inf), ``p``,
+        ``lam`` and ``shift``. Derivatives of A and Lambda are computed under the integral on every call, whatever the accuracy, to 1e-9 of the
+        greater of the derivative and the quantity; those by ``shift`` at 0 are one-sided. At a cusp of f (w at the shift, p <= 1/2), where there may be
+        none, D is given those of A alone.
+        """
+        queries = {"d": "d_gradient", "lambda": "lambda_gradient", "normalization": "normalization_gradient"}
+        name = str(quantity).lower()
+        if name not in queries:
+            raise ValueError(f'quantity "{quantity}" is unknown: choose one of {", ".join(queries)}')
+        if self._row == "hyper_cauchy":
+            raise ValueError(
+                'distribution "hyper_cauchy" changes the roughness with gamma, and derivatives are those at a fixed one: use "student"'
+            )
+        if (w is None) != (name == "normalization"):
+            raise ValueError(f"w: {'directions are missing' if w is None else 'the normalization takes no directions'}")
+        directions = _directions("w", (0.0, 0.0, 1.0) if w is None else w)
+        values = self._core.eval(queries[name], *self._stretch, directions).reshape((*directions.shape[:-1], 4))
+        if name == "normalization":
+            values = values * self.normalization
+        inverse, p, lam, shift = np.moveaxis(values, -1, 0)
+        # 1/gamma^2 is 0 at infinity
+        return {"gamma": -inverse / self.gamma**2, "inv_gamma": inverse, "p": p, "lam": lam, "shift": shift}
+
     def profile(self, x: ArrayLike) -> Array:
         """f at stretched radial slopes ``x`` >= 0 of any shape: 1 at the shift."""
         return self._eval_numbers("profile", "x", x, math.inf)

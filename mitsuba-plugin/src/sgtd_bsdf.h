@@ -64,7 +64,7 @@ public:
                           "or give \"shift\" instead");
                 shape = !recording<Float>();
             }
-            if (!recording<Float>() && (shape || with_gradient() != m_gradient.which()))
+            if (!recording<Float>() && (shape || with_gradient(attached) != m_gradient.which()))
                 update_shape();
             for (size_t i = 0; i < m_watched.size(); ++i)
                 m_watched[i].last = numbers[i];
@@ -234,13 +234,15 @@ protected:
     /// Has the shape a gradient here? While an integrator suspends them, it has none.
     bool follows_shape() const {
         if constexpr (dr::is_diff_v<Float>) {
-            const Which now = with_gradient();
+            const Which tables = m_gradient.which(), now = with_gradient(tracked);
             for (size_t i = 0; i < Count; ++i)
-                if (now[i] && !m_gradient.which()[i])
+                if (now[i] && !tables[i])
                     Throw("parameter \"%s\" has a gradient that the tables lack: call update() of "
-                          "the scene's parameters after dr.enable_grad()",
-                          m_parameters[i].name);
-            return m_gradient.any && now != Which{};
+                          "the scene's parameters after dr.enable_grad()%s",
+                          m_parameters[i].name,
+                          m_parameters[i].is_mu ? " of mu or alpha, on which the shift depends"
+                                                : "");
+            return now != Which{};
         } else {
             return false;
         }
@@ -278,10 +280,12 @@ protected:
             dr::suspend_grad<Float> suspended;
             std::tie(bs, weight) = this->sample(ctx, si, sample1, sample2, active);
         }
-        bs                = dr::detach(bs);
-        weight            = dr::detach(weight);
-        auto [value, pdf] = this->eval_pdf(ctx, si, bs.wo, active && bs.pdf > 0.f);
-        Mask follows      = pdf > 0.f && bs.pdf > 0.f;
+        bs     = dr::detach(bs);
+        weight = dr::detach(weight);
+        // What was drawn in vain has a density too, and may be on the wrong side
+        Mask drawn        = active && bs.pdf > 0.f && dr::any(unpolarized_spectrum(weight) > 0.f);
+        auto [value, pdf] = this->eval_pdf(ctx, si, bs.wo, drawn);
+        Mask follows      = drawn && pdf > 0.f;
         Float at          = dr::select(follows, dr::detach(pdf), 1.f);
         if constexpr (dr::is_diff_v<Float>)
             bs.pdf *= dr::replace_grad(Float(1.f), dr::select(follows, pdf / at, 1.f));
@@ -531,7 +535,7 @@ private:
     void update_shape() {
         try {
             sgtd::host::RowShape row = resolve(&Parameter::free);
-            const Which gradient     = with_gradient();
+            const Which gradient     = with_gradient(attached);
             const bool follows       = gradient != Which{};
             if (m_current && m_current->row.shape == row.shape && gradient == m_gradient.which()) {
                 m_current->parameters = m_parameters;
@@ -631,17 +635,12 @@ private:
         return std::strtod(text, nullptr);
     }
 
-    /// Gives traverse() the parameters as they are. One that has a gradient keeps it.
+    /// Gives traverse() the parameters as they are. One that has a gradient stays the variable that
+    /// it is: no copy of it, which would be none of its own graph.
     void show_parameters() {
-        for (size_t i = 0; i < Count; ++i) {
-            if constexpr (dr::is_diff_v<Float>) {
-                if (dr::grad_enabled(m_shown[i])) {
-                    dr::make_opaque(m_shown[i]);
-                    continue;
-                }
-            }
-            m_shown[i] = dr::opaque<Float>((ScalarFloat)m_parameters[i].value);
-        }
+        for (size_t i = 0; i < Count; ++i)
+            if (!attached(m_shown[i]))
+                m_shown[i] = dr::opaque<Float>((ScalarFloat)m_parameters[i].value);
     }
 
     // ------------------------------------------------------------------
@@ -650,14 +649,25 @@ private:
 
     using Which = typename ShapeGradient<Float>::Which;
 
-    /// Which of 1/gamma, p, lambda and shift have a gradient.
-    Which with_gradient() const {
+    /// Has a variable a gradient?
+    static bool attached(const Float &x) { return dr::grad_enabled(x); }
+
+    /// The same, unless derivatives are suspended.
+    static bool tracked(const Float &x) {
+        if constexpr (dr::is_diff_v<Float>)
+            return ad_grad_enabled(x.index_combined());
+        else
+            return attached(x);
+    }
+
+    /// Which of 1/gamma, p, lambda and shift have a gradient, in the sense of `has`.
+    template <typename Has> Which with_gradient(const Has &has) const {
         Which result = {};
         if constexpr (dr::is_diff_v<Float>) {
             for (size_t i = 0; i < Count; ++i)
-                result[i] = m_parameters[i].free && dr::grad_enabled(m_shown[i]);
+                result[i] = m_parameters[i].free && has(m_shown[i]);
             // The shift is mu / alpha then
-            if (m_parameters[Offset].is_mu && dr::grad_enabled(m_alpha_u->mean()))
+            if (m_parameters[Offset].is_mu && has(m_alpha_u->mean()))
                 result[Offset] = true;
         }
         return result;
@@ -667,8 +677,8 @@ private:
     /// roughness that the user gave.
     std::pair<ShapeExcess<Float>, Float> shape_excess(const Float &alpha) const {
         ShapeExcess<Float> excess;
-        excess.which = with_gradient();
-        auto by      = [](const Float &x) { return x - dr::detach(x); };
+        excess.which = with_gradient(tracked);
+        auto by      = [](const Float &x) { return dr::replace_grad(Float(0.f), x); };
         Float scale  = m_tables.alpha_scale;
         for (size_t i = 1; i < Offset; ++i)
             if (excess.which[i])

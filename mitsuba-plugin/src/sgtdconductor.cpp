@@ -101,31 +101,36 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
    - |float|
    - Tail, greater than 1; small values are heavy tails, inf is allowed. 2 p gamma must exceed 3.
      (Default: 2)
-   - |exposed|
+   - |exposed|, |differentiable|
+
+ * - inv_gamma
+   - |float|
+   - 1 / gamma, at least 0 and below 1. Excludes ``gamma``, and has a derivative where that is
+     infinite. (Default: none)
+   - |exposed|, |differentiable|
 
  * - p
    - |float|
    - Kurtosis, 0.1 to 100: 1 is the bell of Beckmann and GGX, larger values are flatter.
      (Default: 1)
-   - |exposed|
+   - |exposed|, |differentiable|
 
  * - lambda
    - |float|
    - Skew, -0.9999 to 0.9999: positive values widen the outer side of the shift. (Default: 0)
-   - |exposed|
+   - |exposed|, |differentiable|
 
  * - shift
    - |float|
    - Slope at which the profile peaks divided by the roughness, 0 to 10000. Free in every row.
      (Default: 0)
-   - |exposed|
+   - |exposed|, |differentiable|
 
  * - mu
    - |float|
    - That slope itself, at least 0. Excludes ``shift``; needs one constant ``alpha``. The tables
-     follow when ``alpha`` is changed; derivatives with respect to ``alpha`` would lack what the
-     tables contribute, and are refused. (Default: none)
-   - |exposed|
+     follow when ``alpha`` is changed. (Default: none)
+   - |exposed|, |differentiable|
 
  * - masking
    - |string|
@@ -187,9 +192,18 @@ warning tells the error. Equal materials share one.
 Of a table or a mixture, ``alpha`` is the mean slope. Left out, the distribution is as it was given;
 another value, a texture, or two roughnesses stretch its slopes until their mean is that.
 
-The shape parameters are exposed as numbers without derivatives. Changing one makes new tables, which
-a frozen function cannot record: it is done before the call, and the function follows. An update with
-a number that is out of range or not finite is refused, and the material keeps all that it had.
+Changing a shape parameter makes new tables, which a frozen function cannot record: it is done
+before the call, and the function follows. An update with a number that is out of range or not
+finite is refused, and the material keeps all that it had.
+
+Shape parameters can be differentiated, in forward and in reverse mode. As with any change, the
+material learns of a gradient by an update: call ``dr.enable_grad(params[key])``, then
+``params.update()``. It then runs on tables that hold derivatives as well (at the points of ``ggx``
+and ``beckmann`` too), and samples are detached: directions do not move, values follow the shape. The
+derivative of ``pdf`` is that of the density of visible normals; the share of them that
+``sample_bounded`` leaves out has none. By ``shift`` at 0 derivatives are one-sided; next to the cusp
+of a profile with p < 1/2, those by ``shift`` are as large as one likes. Without a gradient,
+nothing is computed for it. ``multiple_scattering`` and a gradient of the shape exclude each other.
 
 What the ``albedo`` of the ``aov`` integrator shows is a color for denoisers: the reflectance at normal
 incidence times ``specular_reflectance``, within [0, 1] and the same from every view.

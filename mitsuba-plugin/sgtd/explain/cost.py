@@ -34,7 +34,7 @@ _COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior
 
 # Those that only this family has.
 _OWN = (
-    *("distribution", "gamma", "p", "lambda", "shift", "mu", "masking", "accuracy", "multiple_scattering"),
+    *("distribution", "gamma", "inv_gamma", "p", "lambda", "shift", "mu", "masking", "accuracy", "multiple_scattering"),
     *numeric_distribution.PROPERTIES,
 )
 

@@ -51,7 +51,7 @@ NEVER_EXCHANGED = {
 }
 
 # The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
-NUMBERS = ("gamma", "p", "lambda", "shift", "mu")
+NUMBERS = ("gamma", "inv_gamma", "p", "lambda", "shift", "mu")
 _WORDS = ("distribution", "masking", *numeric_distribution.WORDS)
 SETTINGS = _WORDS + NUMBERS + numeric_distribution.NUMBERS
 
