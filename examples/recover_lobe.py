@@ -15,7 +15,6 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
 import sgtd
 import sgtd.inverse
 

@@ -151,10 +151,11 @@ def test_memory_stays_flat(llvm):
 
     def steps(first, count):
         for step in range(first, first + count):
-            params["ball.bsdf.gamma"] = number = mi.Float(1.7 + 1e-3 * (step % 100))
+            number = mi.Float(1.7 + 1e-3 * (step % 100))
             dr.enable_grad(number)
+            params["ball.bsdf.gamma"] = number
             params.update()
-            dr.backward(dr.mean(mi.render(scene, params, spp=1, seed=step), axis=None))
+            dr.backward(dr.mean(mi.render(scene, params, spp=4, seed=step), axis=None))
         dr.sync_thread()
         with open("/proc/self/statm") as file:
             return int(file.read().split()[1]) * 4096 / 2**20

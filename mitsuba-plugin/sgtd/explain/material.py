@@ -182,6 +182,8 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
 def _resolve(row: str, given: dict[str, float], values: Mapping[str, Any]) -> tuple[Shape, float]:
     """The shape and the factor on the roughness, as the plugin finds them."""
     gamma, p, lam = (given.get(name) for name in ("gamma", "p", "lambda"))
+    if "inv_gamma" in given:
+        gamma = 1.0 / given["inv_gamma"] if given["inv_gamma"] else math.inf
     shift = given.get("shift")
     if "mu" in given:
         _, scale = _core.shape_of_row(row, gamma, p, lam)

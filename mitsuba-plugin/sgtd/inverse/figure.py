@@ -19,7 +19,8 @@ def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figu
 
     names = list(recovery.parameters)
     drawn = NewFigure(figsize=(12.0, 6.4), layout="constrained")
-    top, bottom = drawn.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    halves: Any = drawn.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    top, bottom = halves
     white = float(np.percentile(recovery.target, 99.0)) or 1.0
     panels = top.subplots(1, 4)
     pictures = (("target", recovery.target), ("start", recovery.start), ("result", recovery.image))
@@ -42,7 +43,7 @@ def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figu
         axes.set_title(f"{name} = {recovery.parameters[name]:.4g}")
         axes.set_xlabel("step")
     traces[-1].semilogy(count, [step.error for step in recovery.steps], marker=".", color="#9b2226")
-    traces[-1].set_title("residual, log radiance")
+    traces[-1].set_title("residual (log)")
     traces[-1].set_xlabel("step")
     for axes in traces:
         axes.grid(alpha=0.3)

@@ -94,7 +94,7 @@ class Variables:
             if name in at:
                 result[name] = functions.exp(at[name])
         if "gamma" in at:
-            p = result.get("p", self.fixed.get("p"))
+            p = result["p"] if "p" in at else self.fixed["p"]
             result["gamma"] = functions.maximum(1.0, 1.5 / p) + functions.exp(at["gamma"])
         if "lambda" in at:
             result["lambda"] = _SKEW * functions.tanh(at["lambda"])
