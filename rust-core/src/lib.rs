@@ -28,6 +28,7 @@
 //! | anisotropic D | 14, 29, 36, 39, 41 | [`ndf::Ndf::d`] | `ndf.rs` |
 //! | radial cdf, its complement, their inverses | 7–9, 16–18, 34, 43 | [`profile::Profile::cdf`], `sf`, `quantile`, `isf` | `family/skewed_t.rs` |
 //! | masking Λ, G1, G2 | 10–12 | [`ndf::Ndf::lambda`], [`ndf::Ndf::g1`], [`ndf::Ndf::g2`] | `masking/integral.rs`, `masking/table.rs` |
+//! | derivatives by the shape | – | [`ndf::Ndf::d_gradient`], [`ndf::Ndf::lambda_gradient`], [`ndf::Ndf::log_normalization_gradient`] | `family/derivatives.rs`, `masking/gradient.rs` |
 //! | masking in closed form (p = 1, λ = 0, m = 0) | – | [`profile::Profile::masking`] | `family/student.rs` |
 //! | profiles given by points, sums of profiles | – | [`profile::TabulatedProfile`], [`profile::MixtureProfile`] | `profile/tabulated.rs`, `profile/mixture.rs` |
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] | `sampling/visible_table.rs` |

@@ -79,15 +79,15 @@ fn masking_of_the_gradient_has_its_slope() {
             let h = 1e-4 * a;
             let at = |q: f64| gradient.at(&profile, q);
             let (value, by) = at(a);
-            for k in 0..4 {
+            for (k, here) in by.iter().enumerate() {
                 let [far_left, left, right, far_right] = [-2.0, -1.0, 1.0, 2.0].map(|x| at(a + x * h).1[k].h);
                 let slope = (8.0 * (right - left) - (far_right - far_left)) / (12.0 * h);
-                let scale = by[k].s.abs().max(value.s) + value.h / a;
+                let scale = here.s.abs().max(value.s) + value.h / a;
                 assert!(
-                    (slope + by[k].s).abs() <= 1e-6 * scale + 1e-300,
+                    (slope + here.s).abs() <= 1e-6 * scale + 1e-300,
                     "{:?} by parameter {k} at {a}: {slope}, not {}",
                     row.case,
-                    -by[k].s
+                    -here.s
                 );
             }
         }
