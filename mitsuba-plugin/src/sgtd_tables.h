@@ -70,7 +70,7 @@ template <typename Float_> struct SgtdTables {
     /// The same with the gradients of the shape, and of a factor on the roughness that depends on
     /// it. `derivatives` must outlive the result.
     SgtdTables following(const ShapeGradient<Float> &derivatives, const ShapeExcess<Float> &by,
-                         const Float &scale) const {
+                         const Float &roughness) const {
         SgtdTables result = *this;
         result.gradient   = &derivatives;
         result.excess     = by;
@@ -81,10 +81,10 @@ template <typename Float_> struct SgtdTables {
                 log_a = dr::fmadd(by.value[k], each[k], log_a);
         result.factor      = dr::fmadd(factor, log_a, factor);
         result.profile     = profile.following(by);
-        result.alpha_scale = scale;
+        result.alpha_scale = roughness;
         if (steep) {
             result.precise       = precise.following(by);
-            result.precise_scale = dr::replace_grad(precise_scale, Double(scale));
+            result.precise_scale = dr::replace_grad(precise_scale, Double(roughness));
         }
         return result;
     }

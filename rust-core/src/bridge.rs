@@ -537,7 +537,7 @@ impl AlbedoTable {
 pub struct GradientTable(CoreGradientTable);
 
 fn new_gradient_table(ndf: &Ndf) -> Result<Box<GradientTable>, ParameterError> {
-    let table = ndf.0.gradient_table().ok_or(ParameterError::NoGradient)?;
+    let table = ndf.core.gradient_table().ok_or(ParameterError::NoGradient)?;
     Ok(Box::new(GradientTable(table)))
 }
 
