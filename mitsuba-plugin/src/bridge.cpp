@@ -276,25 +276,27 @@ std::shared_ptr<const Ndf> Ndf::get(const Radial &radial, double accuracy, bool 
     });
 }
 
+Numbers Ndf::numbers() const {
+    sgtd::Numbers numbers = m_impl->core->numbers();
+    return { numbers.normalization, numbers.accuracy_reached, numbers.mean, numbers.by_odds };
+}
+
 Tables Ndf::tables() const {
     sgtd::TableHeader header         = m_impl->core->header();
     rust::Slice<const float> lambda  = m_impl->core->lambda_table();
     rust::Slice<const float> visible = m_impl->core->visible_table();
     Tables result;
-    result.normalization    = header.normalization;
-    result.scale            = header.scale;
-    result.accuracy_reached = header.accuracy_reached;
-    result.steepness        = header.steepness;
-    result.lambda_entries   = header.lambda_entries;
-    result.visible_rows     = header.visible_rows;
-    result.visible_cells    = header.visible_cells;
-    result.lambda           = { lambda.data(), lambda.size() };
-    result.visible          = { visible.data(), visible.size() };
-    result.cells            = { m_impl->core->cells().data(), m_impl->core->cells().size() };
-    result.precise_cells    = { m_impl->core->precise_cells().data(),
-                                m_impl->core->precise_cells().size() };
-    result.mean             = header.mean;
-    result.by_odds          = header.by_odds;
+    static_cast<Numbers &>(result) = numbers();
+    result.scale                   = header.scale;
+    result.steepness               = header.steepness;
+    result.lambda_entries          = header.lambda_entries;
+    result.visible_rows            = header.visible_rows;
+    result.visible_cells           = header.visible_cells;
+    result.lambda                  = { lambda.data(), lambda.size() };
+    result.visible                 = { visible.data(), visible.size() };
+    result.cells                   = { m_impl->core->cells().data(), m_impl->core->cells().size() };
+    result.precise_cells           = { m_impl->core->precise_cells().data(),
+                                       m_impl->core->precise_cells().size() };
     return result;
 }
 

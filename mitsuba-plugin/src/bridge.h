@@ -154,9 +154,18 @@ private:
     std::string m_key;
 };
 
+/// What is known of a distribution before the tables that normals are drawn from.
+struct Numbers {
+    double normalization, accuracy_reached;
+    /// Mean of the stretched slope
+    double mean;
+    /// Are visible normals drawn over the odds F / (1 - F) instead of the squared slope?
+    bool by_odds;
+};
+
 /// Numbers and arrays from which D, Lambda and the sampler can be evaluated in single precision.
-struct Tables {
-    double normalization, scale, accuracy_reached;
+struct Tables : Numbers {
+    double scale;
     /// Greatest |d ln D / d ln(slope)| that matters: by how much D magnifies a slope's rounding.
     double steepness;
     uint32_t lambda_entries, visible_rows, visible_cells;
@@ -164,10 +173,6 @@ struct Tables {
     /// Cells of a profile that is no member of the family, and the same in double precision
     Slice<const float> cells;
     Slice<const double> precise_cells;
-    /// Mean of the stretched slope
-    double mean;
-    /// Are visible normals drawn over the odds F / (1 - F) instead of the squared slope?
-    bool by_odds;
 };
 
 /// What single scattering loses: numbers and an array from which 1 - E can be evaluated.
@@ -280,7 +285,10 @@ public:
     Ndf(const Ndf &)            = delete;
     Ndf &operator=(const Ndf &) = delete;
 
-    /// Views into this object: valid for as long as it lives.
+    Numbers numbers() const;
+
+    /// Views into this object: valid for as long as it lives. What normals are drawn from is made
+    /// on the first call.
     Tables tables() const;
 
     /// Made anew on every call. Throws for what is not of the family.

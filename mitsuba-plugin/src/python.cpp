@@ -208,15 +208,15 @@ NB_MODULE(_core, m) {
                 return std::const_pointer_cast<Ndf>(Ndf::get(shape, accuracy, visible));
             },
             "shape"_a, "accuracy"_a, "visible"_a = true)
-        .def_prop_ro("normalization", [](const Ndf &ndf) { return ndf.tables().normalization; })
+        .def_prop_ro("normalization", [](const Ndf &ndf) { return ndf.numbers().normalization; })
         .def_prop_ro("accuracy_reached",
-                     [](const Ndf &ndf) { return ndf.tables().accuracy_reached; })
+                     [](const Ndf &ndf) { return ndf.numbers().accuracy_reached; })
         .def_prop_ro("steepness", [](const Ndf &ndf) { return ndf.tables().steepness; })
         .def_prop_ro(
-            "mean", [](const Ndf &ndf) { return ndf.tables().mean; },
+            "mean", [](const Ndf &ndf) { return ndf.numbers().mean; },
             "Mean of the stretched slope.")
         .def_prop_ro(
-            "by_odds", [](const Ndf &ndf) { return ndf.tables().by_odds; },
+            "by_odds", [](const Ndf &ndf) { return ndf.numbers().by_odds; },
             "Are visible normals tabulated over the odds of the profile?")
         .def_prop_ro("table_bytes",
                      [](const Ndf &ndf) {

@@ -17,7 +17,7 @@ use crate::sampling::visible_table::CELLS;
 use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
 use crate::scattering::reflection::{Reflected as CoreReflected, Reflection as CoreReflection};
 use glam::DVec3;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 #[cxx::bridge(namespace = "sgtd")]
 mod ffi {
@@ -120,17 +120,21 @@ mod ffi {
         sample: ReflectionSample,
     }
 
-    /// What a reader of the tables has to know.
-    struct TableHeader {
+    /// What is known of a distribution before the tables that normals are drawn from.
+    struct Numbers {
         normalization: f64,
+        accuracy_reached: f64,
+        mean: f64,
+        by_odds: bool,
+    }
+
+    /// What else a reader of the tables has to know.
+    struct TableHeader {
         scale: f64,
         lambda_entries: u32,
         visible_rows: u32,
         visible_cells: u32,
-        accuracy_reached: f64,
         steepness: f64,
-        mean: f64,
-        by_odds: bool,
     }
 
     /// What a reader of a table of missing energy has to know.
@@ -226,6 +230,7 @@ mod ffi {
         fn log_normalization(self: &GradientTable) -> [f64; 4];
         fn flat(self: &GradientTable) -> &[f32];
 
+        fn numbers(self: &Ndf) -> Numbers;
         fn header(self: &Ndf) -> TableHeader;
         fn lambda_table(self: &Ndf) -> &[f32];
         fn visible_table(self: &Ndf) -> &[f32];
@@ -295,7 +300,7 @@ mod ffi {
 }
 
 use ffi::{
-    AlbedoHeader, Given, Kind, Node, NormalSample, Normals, Reflected, ReflectedAndSample, Reflection,
+    AlbedoHeader, Given, Kind, Node, NormalSample, Normals, Numbers, Reflected, ReflectedAndSample, Reflection,
     ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
 };
 
@@ -314,8 +319,9 @@ pub struct Parts(Vec<(f64, f64, CoreRadial)>);
 /// The opaque object that C++ holds.
 pub struct Ndf {
     core: CoreNdf,
-    /// what single precision evaluates if it is no member of the family
-    cells: Option<ProfileCells>,
+    /// what single precision evaluates if it is no member of the family; made when it is first asked for
+    cells: OnceLock<Option<ProfileCells>>,
+    is_family: bool,
 }
 
 impl From<&Vec3> for DVec3 {
@@ -481,8 +487,7 @@ impl Radial {
 fn new_ndf(radial: &Radial, accuracy: f64, visible: bool) -> Result<Box<Ndf>, ParameterError> {
     let profile = radial.0.profile();
     let core = CoreNdf::shared(Arc::clone(profile), accuracy, visible)?;
-    let cells = (radial.0.kind() != CoreKind::Family).then(|| ProfileCells::new(profile.as_ref()));
-    Ok(Box::new(Ndf { core, cells }))
+    Ok(Box::new(Ndf { core, cells: OnceLock::new(), is_family: radial.0.kind() == CoreKind::Family }))
 }
 
 /// The opaque table of missing energy that C++ holds.
@@ -571,17 +576,27 @@ fn forget_threads() {
 }
 
 impl Ndf {
+    fn numbers(&self) -> Numbers {
+        let profile = self.core.profile();
+        Numbers {
+            normalization: profile.normalization(),
+            accuracy_reached: self.core.accuracy_reached(),
+            mean: profile.mean(),
+            by_odds: profile.coordinate() == Coordinate::Odds,
+        }
+    }
+
+    fn profile_cells(&self) -> Option<&ProfileCells> {
+        self.cells.get_or_init(|| (!self.is_family).then(|| ProfileCells::new(self.core.profile()))).as_ref()
+    }
+
     fn header(&self) -> TableHeader {
         TableHeader {
-            normalization: self.core.profile().normalization(),
             scale: self.core.visible_table().scale(),
             lambda_entries: ENTRIES as u32,
             visible_rows: self.core.visible_table().rows() as u32,
             visible_cells: CELLS as u32,
-            accuracy_reached: self.core.accuracy_reached(),
-            steepness: self.cells.as_ref().map_or_else(|| self.core.steepness(), ProfileCells::steepness),
-            mean: self.core.profile().mean(),
-            by_odds: self.core.profile().coordinate() == Coordinate::Odds,
+            steepness: self.profile_cells().map_or_else(|| self.core.steepness(), ProfileCells::steepness),
         }
     }
 
@@ -595,11 +610,11 @@ impl Ndf {
 
     /// What single precision evaluates; empty for members of the family.
     fn cells(&self) -> &[f32] {
-        self.cells.as_ref().map_or(&[], ProfileCells::single)
+        self.profile_cells().map_or(&[], ProfileCells::single)
     }
 
     fn precise_cells(&self) -> &[f64] {
-        self.cells.as_ref().map_or(&[], ProfileCells::double)
+        self.profile_cells().map_or(&[], ProfileCells::double)
     }
 
     fn d(&self, alpha_u: f64, alpha_v: f64, m: &Vec3) -> f64 {

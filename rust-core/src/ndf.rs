@@ -85,7 +85,10 @@ pub(crate) const INVALID: NormalSample = NormalSample { m: DVec3::Z, pdf: 0.0, d
 pub struct Ndf {
     profile: Arc<dyn Profile>,
     lambda_table: LambdaTable,
-    visible_table: VisibleTable,
+    /// made when a normal is first drawn: D and masking do without, and it takes longer than all else
+    visible_table: OnceLock<VisibleTable>,
+    /// does it have rows for views?
+    visible: bool,
     coordinate: Coordinate,
     /// present at accuracy 0
     quadrature: Option<MaskingIntegral>,
@@ -144,7 +147,9 @@ impl Ndf {
         Self::shared(profile.into(), accuracy, false)
     }
 
-    /// Tabulates a profile; `accuracy` is the permitted relative error of G1, 0 means quadrature on every call.
+    /// Tabulates a profile; `accuracy` is the permitted relative error of G1, 0 means quadrature on every call. Only masking is tabulated
+    /// at once: the table that normals are drawn from is made with the first of them, so that a new shape costs little where D and G1 are
+    /// all that is asked for, as in a fit.
     ///
     /// # Errors
     /// `accuracy` is negative, above 0.1 or not a number.
@@ -157,7 +162,6 @@ impl Ndf {
     /// # Errors
     /// As [`Ndf::new`].
     pub fn shared(profile: Arc<dyn Profile>, accuracy: f64, visible: bool) -> Result<Self, ParameterError> {
-        let tabulate = if visible { VisibleTable::new } else { VisibleTable::projected };
         require(
             (0.0..=0.1).contains(&accuracy),
             "accuracy",
@@ -165,19 +169,18 @@ impl Ndf {
             "between 0 and 0.1",
             "it is the permitted relative error of G1; 0 asks for quadrature on every call",
         )?;
-        let rule = if accuracy < FINEST_SINGLE { Rule::REFERENCE } else { Rule::TABLE };
-        let masking = MaskingIntegral::new(profile.as_ref(), rule);
+        let masking = MaskingIntegral::new(profile.as_ref(), rule(accuracy));
         // single-precision renderers read a table at accuracy 0 too
         let tabulated = if accuracy == 0.0 { FINEST_SINGLE } else { accuracy };
         let lambda_table = LambdaTable::new(profile.as_ref(), &masking, tabulated);
-        let visible_table = tabulate(profile.as_ref(), &masking);
         let factor = profile.normalization() / PI;
         let quadrature = (accuracy == 0.0).then_some(masking);
         let coordinate = profile.coordinate();
         Ok(Self {
             profile,
             lambda_table,
-            visible_table,
+            visible_table: OnceLock::new(),
+            visible,
             coordinate,
             quadrature,
             accuracy,
@@ -194,14 +197,23 @@ impl Ndf {
     pub fn lambda_table(&self) -> &LambdaTable {
         &self.lambda_table
     }
-    /// The table of visible normals.
+    /// The table of visible normals; made on the first call, once for all threads.
+    #[inline]
     pub fn visible_table(&self) -> &VisibleTable {
-        &self.visible_table
+        self.visible_table.get_or_init(|| {
+            let profile = self.profile.as_ref();
+            let masking = MaskingIntegral::new(profile, rule(self.accuracy));
+            if self.visible { VisibleTable::new(profile, &masking) } else { VisibleTable::projected(profile, &masking) }
+        })
+    }
+    /// Has the table of visible normals been made?
+    pub fn draws(&self) -> bool {
+        self.visible_table.get().is_some()
     }
     /// Greatest |d ln f / d ln x| where f is above 1e-7 of its peak: by how much D magnifies the rounding of a slope.
     pub fn steepness(&self) -> f64 {
         let profile = self.profile.as_ref();
-        let knots = self.visible_table.slopes();
+        let knots = self.visible_table().slopes();
         let points: Vec<(f64, f64)> = knots
             .windows(2)
             .flat_map(|pair| (0..8).map(|k| pair[0] + (pair[1] - pair[0]) * f64::from(k) / 8.0))
@@ -347,8 +359,8 @@ impl Ndf {
         }
         let stretched = Stretched::new(alpha, wi);
         let mixture = match normals {
-            Normals::All => self.visible_table.unseen(),
-            _ => self.visible_table.mixture(stretched.direction.z, stretched.across),
+            Normals::All => self.visible_table().unseen(),
+            _ => self.visible_table().mixture(stretched.direction.z, stretched.across),
         };
         let (horizon, share) = match normals {
             Normals::All | Normals::Visible => (None, 1.0),
@@ -358,7 +370,7 @@ impl Ndf {
                     Coordinate::Square => horizon.square(),
                     Coordinate::Odds => coordinate::of_slope(self.profile.as_ref(), horizon.square().sqrt()),
                 };
-                let share = self.visible_table.share_below(mixture, greatest);
+                let share = self.visible_table().share_below(mixture, greatest);
                 (Some(horizon), share)
             }
         };
@@ -388,7 +400,7 @@ impl Ndf {
     /// Draws a stretched slope; its f, and its density per dρ².
     #[inline]
     fn sample_radius(&self, mixture: Mixture, u: f64) -> Option<(f64, f64, f64)> {
-        let (y, density) = self.visible_table.sample(mixture, u)?;
+        let (y, density) = self.visible_table().sample(mixture, u)?;
         match self.coordinate {
             Coordinate::Square => {
                 let rho = y.sqrt();
@@ -407,11 +419,11 @@ impl Ndf {
     #[inline]
     fn radial_density(&self, mixture: Mixture, rho: f64) -> f64 {
         match self.coordinate {
-            Coordinate::Square => self.visible_table.density(mixture, rho * rho),
+            Coordinate::Square => self.visible_table().density(mixture, rho * rho),
             Coordinate::Odds => {
                 let profile = self.profile.as_ref();
                 let y = coordinate::of_slope(profile, rho);
-                self.visible_table.density(mixture, y) * coordinate::stretch(profile, y, self.shape_factor(rho))
+                self.visible_table().density(mixture, y) * coordinate::stretch(profile, y, self.shape_factor(rho))
             }
         }
     }
@@ -425,7 +437,7 @@ impl Ndf {
             return self.d(alpha, m) * m.z;
         }
         let rho = norm(m.x / alpha.u, m.y / alpha.v) / m.z;
-        let radial = self.radial_density(self.visible_table.unseen(), rho);
+        let radial = self.radial_density(self.visible_table().unseen(), rho);
         finite(radial / PI / (alpha.u * alpha.v * m.z * m.z * m.z))
     }
 
@@ -436,7 +448,7 @@ impl Ndf {
             let f = self.profile.f(rho);
             (rho, f, self.factor * f)
         } else {
-            let Some((rho, f, radial)) = self.sample_radius(self.visible_table.unseen(), u.0) else { return INVALID };
+            let Some((rho, f, radial)) = self.sample_radius(self.visible_table().unseen(), u.0) else { return INVALID };
             (rho, f, radial / PI)
         };
         let (sin, cos) = (2.0 * PI * u.1).sin_cos();
@@ -516,6 +528,11 @@ impl View<'_> {
             _ => Azimuth::new(cos, sin, rho),
         }
     }
+}
+
+/// With what tables are made.
+fn rule(accuracy: f64) -> Rule {
+    if accuracy < FINEST_SINGLE { Rule::REFERENCE } else { Rule::TABLE }
 }
 
 /// `√((m_x/α_u)² + (m_y/α_v)²)/m_z` and what rounding left out of it: at the rim of a ring of m = 1000 one ulp of the

@@ -230,6 +230,26 @@ fn the_table_of_projected_normals_is_the_last_row() {
     }
 }
 
+/// A shape of which only D and G1 are asked for has no table of visible normals, and the one that comes with the first draw is what it would
+/// have been, for all threads that draw first.
+#[test]
+fn normals_are_tabulated_when_they_are_drawn() {
+    for case in LIST {
+        let profile = case.profile();
+        let expected = VisibleTable::new(&profile, &MaskingIntegral::new(&profile, Rule::TABLE));
+        let ndf = Ndf::new(Box::new(profile), DEFAULT_ACCURACY).unwrap_or_else(|error| panic!("{error}"));
+        let (alpha, views) =
+            (Roughness { u: 0.3, v: 0.1 }, [0.1, 0.8, 1.2, 1.5].map(|theta| cases::direction(theta, 0.3)));
+        let ask = || views.iter().map(|&w| (ndf.d(alpha, w), ndf.g1(alpha, w))).collect::<Vec<_>>();
+        let before = ask();
+        assert!(!ndf.draws(), "{case:?}");
+        let drawn: Vec<_> = (0..8).into_par_iter().map(|_| ndf.sample_visible(alpha, views[0], (0.3, 0.7))).collect();
+        assert!(ndf.draws() && drawn.iter().all(|sample| *sample == drawn[0]), "{case:?}");
+        assert_eq!(ndf.visible_table().flat(), expected.flat(), "{case:?}");
+        assert_eq!(ask(), before, "{case:?}");
+    }
+}
+
 /// Two knots that single precision cannot tell apart would make a cell without a width: the rim of a ring at m = 1000 with p = 50.
 #[test]
 fn knots_are_distinct_as_they_are_stored() {

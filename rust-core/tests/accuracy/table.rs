@@ -122,6 +122,7 @@ pub const TABLE: &[Row] = &[
     total("ndf::Ndf::projected", "the_table_of_projected_normals_is_the_last_row"),
     total("ndf::Ndf::profile", "projected_normals_integrate_to_one"),
     total("ndf::Ndf::lambda_table", "flat_masking_table_gives_what_the_core_gives"),
+    total("ndf::Ndf::draws", "normals_are_tabulated_when_they_are_drawn"),
     total("ndf::Ndf::visible_table", "flat_visible_table_gives_what_the_core_gives"),
     total("ndf::Ndf::accuracy_reached", "promised_accuracy_is_reached"),
     total("ndf::Ndf::steepness", "steepness_of_known_profiles"),
