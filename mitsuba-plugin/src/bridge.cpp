@@ -295,8 +295,9 @@ Tables Ndf::tables() const {
     result.lambda                  = { lambda.data(), lambda.size() };
     result.visible                 = { visible.data(), visible.size() };
     result.cells                   = { m_impl->core->cells().data(), m_impl->core->cells().size() };
-    result.precise_cells           = { m_impl->core->precise_cells().data(),
-                                       m_impl->core->precise_cells().size() };
+    if (header.steepness > Steep) // it is made when it is asked for
+        result.precise_cells = { m_impl->core->precise_cells().data(),
+                                 m_impl->core->precise_cells().size() };
     return result;
 }
 

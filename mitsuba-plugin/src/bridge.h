@@ -170,9 +170,10 @@ struct Tables : Numbers {
     double steepness;
     uint32_t lambda_entries, visible_rows, visible_cells;
     Slice<const float> lambda, visible;
-    /// Cells of a profile that is no member of the family, and the same in double precision
+    /// Cells of a profile that is no member of the family, and, where it is steep, the same in double
+    /// precision
     Slice<const float> cells;
-    Slice<const double> precise_cells;
+    Slice<const double> precise_cells = { nullptr, 0 };
 };
 
 /// What single scattering loses: numbers and an array from which 1 - E can be evaluated.

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use sgtd_core::family::shape::Shape;
 use sgtd_core::family::skewed_t::SkewedT;
-use sgtd_core::ndf::{Ndf, NormalSample, Roughness, Shadowing};
-use sgtd_core::profile::{MixtureProfile, Part, TableTail, TabulatedProfile};
+use sgtd_core::ndf::{Ndf, NormalSample, Normals, Roughness, Shadowing};
+use sgtd_core::profile::cells::{BUCKET, CELL, OCTAVES};
+use sgtd_core::profile::{MixtureProfile, Part, Profile, ProfileCells, TableTail, TabulatedProfile};
 use std::sync::Arc;
 
 /// xorshift64* (Vigna 2016).
@@ -158,17 +159,21 @@ impl Tables {
 
     /// The core's object, or `None` where the tables are refused.
     pub fn build(&self, reference: bool) -> Option<Ndf> {
+        Ndf::new(self.profile()?, if reference { 0.0 } else { self.accuracy }).ok()
+    }
+
+    /// The profile alone.
+    pub fn profile(&self) -> Option<Box<dyn Profile>> {
         let new = |(slopes, values, tail): &(Vec<f64>, Vec<f64>, TableTail)| {
             TabulatedProfile::new(slopes, values, *tail).ok()
         };
-        let accuracy = if reference { 0.0 } else { self.accuracy };
         let first = new(&self.tables[0])?;
-        let Some(second) = self.tables.get(1) else { return Ndf::new(Box::new(first), accuracy).ok() };
+        let Some(second) = self.tables.get(1) else { return Some(Box::new(first)) };
         let parts = vec![
             Part { weight: 1.0, scale: 1.0, profile: Arc::new(first) },
             Part { weight: self.weight, scale: self.scale, profile: Arc::new(new(second)?) },
         ];
-        Ndf::new(Box::new(MixtureProfile::new(parts).ok()?), accuracy).ok()
+        Some(Box::new(MixtureProfile::new(parts).ok()?))
     }
 }
 
@@ -206,6 +211,12 @@ fn direction(bits: &mut Bits) -> DVec3 {
 }
 
 impl Input {
+    /// The stretched slope.
+    #[allow(dead_code)] // the test of this target does not ask for it
+    pub fn x(&self) -> f64 {
+        self.x
+    }
+
     /// Draws one.
     pub fn draw(bits: &mut Bits) -> Self {
         let roughness = |b: &mut Bits| loop {
@@ -267,7 +278,15 @@ pub fn check(ndf: &Ndf, input: &Input) -> Result<(), String> {
             return fail("G2", g2);
         }
     }
-    let samples = [(ndf.sample_visible(alpha, wi, u), unit[0]), (ndf.sample_projected(alpha, u), true)];
+    let reflecting = ndf.pdf(alpha, wi, m, Normals::Reflecting);
+    if unit[0] && unit[2] && !finite(reflecting) {
+        return fail("pdf of bounded visible normals", reflecting);
+    }
+    let samples = [
+        (ndf.sample_visible(alpha, wi, u), unit[0]),
+        (ndf.sample(alpha, wi, u, Normals::Reflecting), unit[0]),
+        (ndf.sample_projected(alpha, u), true),
+    ];
     for (NormalSample { m, pdf, d_over_pdf }, applies) in samples {
         if applies && !finite(pdf) {
             return fail("pdf of a sample", pdf);
@@ -279,7 +298,13 @@ pub fn check(ndf: &Ndf, input: &Input) -> Result<(), String> {
             return fail("length of a sampled normal", m.length());
         }
     }
-    let profile = ndf.profile();
+    check_profile(ndf.profile(), x)
+}
+
+/// What a profile says of one slope.
+pub fn check_profile(profile: &dyn Profile, x: f64) -> Result<(), String> {
+    let fail = |what: &str, value: f64| Err(format!("{what} = {value:e} at {x:e} = {:016x}", x.to_bits()));
+    let bounded = |value: f64, most: f64| value >= 0.0 && value <= most;
     let (f, cdf, sf) = (profile.f(x), profile.cdf(x), profile.sf(x));
     if !bounded(f, 1.0 + 1e-12) {
         return fail("f", f);
@@ -297,17 +322,48 @@ pub fn check(ndf: &Ndf, input: &Input) -> Result<(), String> {
 }
 
 /// Inverses cost ten times as much as everything else, so they are checked less often.
-pub fn check_inverses(ndf: &Ndf, input: &Input) -> Result<(), String> {
-    let profile = ndf.profile();
+pub fn check_inverses(profile: &dyn Profile, input: &Input) -> Result<(), String> {
     for u in [input.u.0, input.u.1] {
         let (low, high) = (profile.quantile(u), profile.isf(u));
         if !((0.0..f64::INFINITY).contains(&low) && high >= 0.0 && (high < f64::INFINITY || u == 0.0)) {
             return Err(format!("quantile = {low:e}, isf = {high:e} at u = {u:e} = {:016x}", u.to_bits()));
         }
         let (cdf, sf) = (profile.cdf(low), profile.sf(high));
+        // where no double lies closer, those a few roundings away are on both sides
+        let (less, more) = (1.0 - 16.0 * f64::EPSILON, 1.0 + 16.0 * f64::EPSILON);
+        let between = |a: f64, b: f64| a.min(b) <= u && u <= a.max(b);
         let near = |got: f64| u < 1e-290 || (got - u).abs() <= 1e-3 * u;
-        if !(near(cdf) && near(sf)) {
+        let good = (near(cdf) || between(profile.cdf(low * less), profile.cdf(low * more)))
+            && (near(sf) || between(profile.sf(high * less), profile.sf(high * more)));
+        if !good {
             return Err(format!("cdf(quantile) = {cdf:e}, sf(isf) = {sf:e} at u = {u:e} = {:016x}", u.to_bits()));
+        }
+    }
+    Ok(())
+}
+
+/// What single precision reads of a profile: every index is one, and every cell is made of numbers.
+pub fn check_cells(profile: &dyn Profile) -> Result<(), String> {
+    let cells = ProfileCells::new(profile);
+    let flat = cells.single();
+    let fail = |what: &str, at: usize| Err(format!("{what} at {at} of {} cells", cells.count()));
+    for key in (0..2 * OCTAVES).filter(|key| key % OCTAVES < 255) {
+        let entry = flat[key].to_bits();
+        let shift = entry & 31;
+        let buckets = if shift == 31 { 1 } else { 1 << (23 - shift) };
+        for bucket in (0..buckets).map(|k| BUCKET * ((entry >> 5) as usize + k)) {
+            let Some(found) = flat.get(bucket..bucket + BUCKET) else { return fail("no bucket", key) };
+            let more = found[1..].iter().filter(|start| **start < f32::MAX).count();
+            let first = found[0].to_bits() as usize;
+            if !found[1..].is_sorted() || found[1..].iter().any(|start| start.is_nan()) {
+                return fail("starts out of order", key);
+            }
+            for cell in first..=first + more {
+                let Some(cell) = flat.get(CELL * cell..CELL * (cell + 1)) else { return fail("no cell", key) };
+                if cell.iter().any(|number| !number.is_finite()) {
+                    return fail("a number that is none", key);
+                }
+            }
         }
     }
     Ok(())

@@ -1,13 +1,15 @@
 //! Fuzzing on stable: raw parameter bytes in, no bad value out.
 //!
-//! `cargo run --release --example fuzz -- --seconds 600 [--seed N]`
+//! `cargo run --release --example fuzz -- --seconds 600 [--seed N] [--profiles 1]`
+//!
+//! With `--profiles 1`, tables and mixtures alone, many of them: each as a profile, with its inverses and what single precision reads of it.
 //!
 //! Every shape that the core accepts is evaluated at some thousands of inputs; the first failing one is printed as bits
 //! and ends the run with an error.
 
 mod check;
 
-use check::{Bits, Input, Parameters, Tables, check, check_inverses};
+use check::{Bits, Input, Parameters, Tables, check, check_cells, check_inverses, check_profile};
 use rayon::prelude::*;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -50,7 +52,7 @@ fn run(seed: u64, counts: &Counts) -> Result<(), String> {
         let input = Input::draw(&mut bits);
         let mut result = check(&ndf, &input);
         if k % INVERSES_EVERY == 0 {
-            result = result.and_then(|()| check_inverses(&ndf, &input));
+            result = result.and_then(|()| check_inverses(ndf.profile(), &input));
         }
         result.map_err(|error| format!("{what}, reference {reference}:\n{error}"))?;
     }
@@ -58,6 +60,27 @@ fn run(seed: u64, counts: &Counts) -> Result<(), String> {
     if reference {
         counts.reference.fetch_add(inputs, Ordering::Relaxed);
     }
+    Ok(())
+}
+
+/// Inputs of a profile alone.
+const PROFILE_INPUTS: usize = 8;
+/// What single precision reads costs a hundred times as much, so that one in this many profiles is checked for it.
+const CELLS_EVERY: u64 = 16;
+
+/// One table or mixture, as a profile.
+fn run_profile(seed: u64, counts: &Counts) -> Result<(), String> {
+    let mut bits = Bits::new(seed);
+    counts.tried.fetch_add(1, Ordering::Relaxed);
+    let tables = Tables::draw(&mut bits);
+    let Some(profile) = tables.profile() else { return Ok(()) };
+    counts.accepted.fetch_add(1, Ordering::Relaxed);
+    let inputs = (0..PROFILE_INPUTS).map(|_| Input::draw(&mut bits)).try_for_each(|input| {
+        check_profile(profile.as_ref(), input.x()).and_then(|()| check_inverses(profile.as_ref(), &input))
+    });
+    let cells = || if seed.is_multiple_of(CELLS_EVERY) { check_cells(profile.as_ref()) } else { Ok(()) };
+    inputs.and_then(|()| cells()).map_err(|error| format!("seed {seed}, {tables:?}:\n{error}"))?;
+    counts.inputs.fetch_add(PROFILE_INPUTS as u64, Ordering::Relaxed);
     Ok(())
 }
 
@@ -72,6 +95,7 @@ fn main() -> ExitCode {
     let clock = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(1, |time| time.as_nanos() as u64);
     let seed = option("--seed").unwrap_or(clock);
     println!("seed {seed}, {seconds} s");
+    let run = if option("--profiles").is_some() { run_profile } else { run };
     let counts = Counts::default();
     let start = Instant::now();
     let mut shape = 0;

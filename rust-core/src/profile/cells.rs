@@ -11,6 +11,7 @@
 use crate::numerics::greatest;
 use crate::profile::Profile;
 use crate::profile::pieces::{Piece, pieces};
+use std::sync::OnceLock;
 
 /// Octaves of each list: all exponents of a float, so that none needs a check.
 pub const OCTAVES: usize = 256;
@@ -19,7 +20,7 @@ pub const BUCKET: usize = 4;
 /// Numbers of a cell: anchor, rate, its inverse, log₂ f, e, v, m, its inverse.
 pub const CELL: usize = 8;
 /// The finest division of an octave.
-const FINEST: u32 = 16;
+const FINEST: u32 = 14;
 /// Octaves that are not divided.
 const WHOLE: u32 = 31;
 /// Mantissa bits of f32.
@@ -41,7 +42,9 @@ const FAINT: f64 = 1e-7;
 #[derive(Debug, Clone)]
 pub struct ProfileCells {
     single: Vec<f32>,
-    double: Vec<f64>,
+    /// made when it is asked for
+    double: OnceLock<Vec<f64>>,
+    cells: Vec<Cell>,
     steepness: f64,
     count: usize,
 }
@@ -58,13 +61,14 @@ struct Cell {
 impl ProfileCells {
     /// Tabulates a profile.
     pub fn new(profile: &dyn Profile) -> Self {
-        let cells = cells(profile);
-        let (single, _) = flat(&cells, |x| f64::from(x as f32));
-        let (double, count) = flat(&cells, |x| x);
+        let pieces = pieces(profile);
+        let cells = cells(profile, &pieces);
+        let (single, count) = flat(&cells, |x| f64::from(x as f32));
         Self {
             single: single.iter().map(|number| number.single()).collect(),
-            double: double.iter().map(|number| number.double()).collect(),
-            steepness: steepness(profile),
+            double: OnceLock::new(),
+            cells,
+            steepness: steepness(&pieces),
             count,
         }
     }
@@ -77,7 +81,7 @@ impl ProfileCells {
 
     /// The same in double precision, where integers are numbers; the bits of an argument are those of the float below it.
     pub fn double(&self) -> &[f64] {
-        &self.double
+        self.double.get_or_init(|| flat(&self.cells, |x| x).0.iter().map(|number| number.double()).collect())
     }
 
     /// Greatest |d ln f / d ln x| where f is above 1e-7 of its peak.
@@ -91,8 +95,7 @@ impl ProfileCells {
     }
 }
 
-fn steepness(profile: &dyn Profile) -> f64 {
-    let pieces = pieces(profile);
+fn steepness(pieces: &[Piece]) -> f64 {
     let peak = greatest(pieces.iter().map(|piece| piece.log_f));
     let least = peak + FAINT.ln();
     greatest(pieces.iter().enumerate().map(|(k, piece)| {
@@ -105,13 +108,12 @@ fn steepness(profile: &dyn Profile) -> f64 {
 }
 
 /// All cells, from 0 on.
-fn cells(profile: &dyn Profile) -> Vec<Cell> {
+fn cells(profile: &dyn Profile, pieces: &[Piece]) -> Vec<Cell> {
     let halvings = (1..=HALVINGS).map(|k| profile.isf(2f64.powi(-k)).powi(2));
     let mut splits: Vec<f64> = halvings.filter(|s| *s > 0.0 && *s < GREATEST).collect();
     // the end of a cut table is a place, not a tail
     splits.dedup_by(|next, last| *next < *last * (1.0 + APART));
     let median = splits.first().copied().unwrap_or(0.0);
-    let pieces = pieces(profile);
     let mut cells = Vec::with_capacity(pieces.len() + splits.len());
     for (k, piece) in pieces.iter().enumerate() {
         let end = pieces.get(k + 1).map_or(GREATEST, |next| next.start);
@@ -245,17 +247,26 @@ impl List {
             let (low, high) = (octave << MANTISSA, (octave + 1) << MANTISSA);
             let inside = starts_within(&starts, low, high);
             if inside.is_empty() {
-                let bucket = bucket(&starts, low, high);
+                let bucket = bucket(&starts, inside);
                 if buckets.last() != Some(&bucket) {
                     buckets.push(bucket);
                 }
                 octaves.push((buckets.len() as u32 - 1, WHOLE));
                 continue;
             }
-            let depth = (0..=FINEST).find(|&depth| fits(&starts, low, depth)).unwrap_or(FINEST);
-            let width = 1 << (MANTISSA - depth);
-            let first = buckets.len() as u32;
-            buckets.extend((0..1 << depth).map(|k| bucket(&starts, low + k * width, low + (k + 1) * width)));
+            let depth = (0..=FINEST).find(|&depth| fits(&starts[inside.clone()], depth)).unwrap_or(FINEST);
+            let (width, first) = (1 << (MANTISSA - depth), buckets.len() as u32);
+            let value = |bits: u32| f64::from(f32::from_bits(bits.min(f32::INFINITY.to_bits())));
+            let mut from = inside.start;
+            for k in 0..1u32 << depth {
+                let (left, right) = (value(low + k * width), value(low + (k + 1) * width));
+                while from < starts.len() && starts[from] <= left {
+                    from += 1;
+                }
+                let count = starts[from..].iter().take_while(|&&start| start < right).count();
+                buckets.push(bucket(&starts, from..from + count));
+                from += count;
+            }
             octaves.push((first, MANTISSA - depth));
         }
         Self { octaves, buckets, cells: kept.into_iter().map(|cell| cell.1).collect() }
@@ -289,14 +300,17 @@ fn starts_within(starts: &[f64], low: u32, high: u32) -> std::ops::Range<usize> 
     from..starts.partition_point(|&start| start < high).max(from)
 }
 
-fn bucket(starts: &[f64], low: u32, high: u32) -> (u32, [f64; BUCKET - 1]) {
-    let inside = starts_within(starts, low, high);
+fn bucket(starts: &[f64], inside: std::ops::Range<usize>) -> (u32, [f64; BUCKET - 1]) {
     let mut next = [f64::from(f32::MAX); BUCKET - 1];
     next.iter_mut().zip(&starts[inside.clone()]).for_each(|(next, &start)| *next = start);
     (inside.start.max(1) as u32 - 1, next)
 }
 
-fn fits(starts: &[f64], low: u32, depth: u32) -> bool {
-    let width = 1 << (MANTISSA - depth);
-    (0..1 << depth).all(|k| starts_within(starts, low + k * width, low + (k + 1) * width).len() < BUCKET)
+/// Whether no bucket of an octave has more starts behind its lower end than it can hold.
+fn fits(inside: &[f64], depth: u32) -> bool {
+    let (shift, edge) = (MANTISSA - depth, (1u32 << (MANTISSA - depth)) - 1);
+    let at_edge = |x: f64| bits(x) & edge == 0 && f64::from(f32::from_bits(bits(x))) == x;
+    inside
+        .windows(BUCKET)
+        .all(|starts| bits(starts[0]) >> shift != bits(starts[BUCKET - 1]) >> shift || at_edge(starts[0]))
 }

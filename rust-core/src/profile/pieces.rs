@@ -108,6 +108,10 @@ fn divide(
     depth: usize,
     found: &mut Vec<Piece>,
 ) {
+    // the next try is coarser
+    if found.len() > MOST {
+        return;
+    }
     let log_f = |s: f64| profile.f(s.sqrt()).ln();
     let width = right.0 - left.0;
     let middle = 0.5 * (left.0 + right.0);

@@ -536,16 +536,18 @@ impl TabulatedProfile {
                 })
                 .collect()
         };
-        let raw = cells(1.0);
-        if let Some(k) = raw.iter().position(|cell| !(cell.span > LEAST_SPAN)) {
-            return Err(row(
+        let check = |cells: &[Cell]| match cells.iter().position(|cell| !(cell.span > LEAST_SPAN)) {
+            Some(k) => Err(row(
                 "slopes",
                 k,
-                raw[k].end,
+                nodes.x[k + 1],
                 "differ from the row before by more than rounding",
                 "leave one of the two out",
-            ));
-        }
+            )),
+            None => Ok(()),
+        };
+        let raw = cells(1.0);
+        check(&raw)?;
         let exponent = Self::tail_exponent(&raw, tail)?;
         let unscaled = Self::assemble(raw, knee, exponent, 1.0);
         let width = unscaled.integrate_mean();
@@ -555,7 +557,10 @@ impl TabulatedProfile {
                 mend: "slopes are tangents of angles, without a unit",
             });
         }
-        Ok(Self::assemble(cells(width), knee / width, exponent, width))
+        // neighbors may round to one number when they are divided
+        let scaled = cells(width);
+        check(&scaled)?;
+        Ok(Self::assemble(scaled, knee / width, exponent, width))
     }
 
     /// e of what lies beyond the last node, f ∝ w^(−e); `None` where nothing does.
