@@ -170,8 +170,8 @@ struct Tables : Numbers {
     double steepness;
     uint32_t lambda_entries, visible_rows, visible_cells;
     Slice<const float> lambda, visible;
-    /// Cells of a profile that is no member of the family, and, where it is steep, the same in double
-    /// precision
+    /// Cells of a profile that is no member of the family, and, where it is steep, the same in
+    /// double precision
     Slice<const float> cells;
     Slice<const double> precise_cells = { nullptr, 0 };
 };
