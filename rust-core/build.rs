@@ -36,6 +36,7 @@ fn header() -> String {
         format!("float AzimuthSteepFit[] = {}", list(&AZIMUTH_STEEP_FIT)),
         format!("float AzimuthFlatFit[] = {}", list(&AZIMUTH_FLAT_FIT)),
         format!("uint32_t AverageNodes = {AVERAGE}, MissingEnergyPacket = {PACKET}"),
+        format!("uint32_t InterfaceOctaves = {INTERFACE_OCTAVES}, InterfaceCells = {INTERFACE_CELLS}"),
     ];
     let lines: String = declarations.iter().map(|line| format!("constexpr {line};\n")).collect();
     format!(

@@ -15,6 +15,7 @@ use crate::profile::{Coordinate, ProfileCells, TabulatedProfile};
 use crate::radial::{self, Kind as CoreKind, Radial as CoreRadial};
 use crate::sampling::visible_table::CELLS;
 use crate::scattering::albedo_table::{AlbedoTable as CoreAlbedoTable, GREATEST_ALPHA, LEAST_ALPHA};
+use crate::scattering::interface_table::{InterfaceTable as CoreInterfaceTable, Quantity};
 use crate::scattering::reflection::{Reflected as CoreReflected, Reflection as CoreReflection};
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
@@ -154,6 +155,15 @@ mod ffi {
         columns: u32,
     }
 
+    /// What a reader of a table of a rough interface has to know.
+    struct InterfaceHeader {
+        columns: u32,
+        critical: f64,
+        average: f64,
+        internal_reflectance: f64,
+        facet_reflectance: f64,
+    }
+
     /// What an explicit surface should be: see `microsurface::generate::Settings`.
     #[derive(Clone, Copy)]
     struct SurfaceSettings {
@@ -201,6 +211,7 @@ mod ffi {
         type Ndf;
         type AlbedoTable;
         type GradientTable;
+        type InterfaceTable;
 
         fn radial_of_shape(shape: [f64; 4]) -> Result<Box<Radial>>;
         fn radial_of_table(source: &TableSource) -> Result<Box<Radial>>;
@@ -225,6 +236,17 @@ mod ffi {
         fn new_anisotropic_albedo(ndf: &Ndf, correlated: bool, alpha_u: f64, alpha_v: f64) -> Result<Box<AlbedoTable>>;
         fn albedo_header(self: &AlbedoTable) -> AlbedoHeader;
         fn flat(self: &AlbedoTable) -> &[f32];
+
+        fn new_interface_table(
+            ndf: &Ndf,
+            correlated: bool,
+            alpha_u: f64,
+            alpha_v: f64,
+            eta: f64,
+            transmittance: bool,
+        ) -> Result<Box<InterfaceTable>>;
+        fn interface_header(self: &InterfaceTable) -> InterfaceHeader;
+        fn flat(self: &InterfaceTable) -> &[f32];
 
         fn new_gradient_table(ndf: &Ndf) -> Result<Box<GradientTable>>;
         fn log_normalization(self: &GradientTable) -> [f64; 4];
@@ -300,8 +322,8 @@ mod ffi {
 }
 
 use ffi::{
-    AlbedoHeader, Given, Kind, Node, NormalSample, Normals, Numbers, Reflected, ReflectedAndSample, Reflection,
-    ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
+    AlbedoHeader, Given, InterfaceHeader, Kind, Node, NormalSample, Normals, Numbers, Reflected, ReflectedAndSample,
+    Reflection, ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
 };
 
 mod microsurface;
@@ -530,6 +552,39 @@ impl AlbedoTable {
             reached: self.0.reached(),
             views: self.0.grid().0 as u32,
             columns: self.0.grid().1 as u32,
+        }
+    }
+
+    fn flat(&self) -> &[f32] {
+        self.0.flat()
+    }
+}
+
+/// The opaque table of a rough interface that C++ holds.
+pub struct InterfaceTable(CoreInterfaceTable);
+
+fn new_interface_table(
+    ndf: &Ndf,
+    correlated: bool,
+    alpha_u: f64,
+    alpha_v: f64,
+    eta: f64,
+    transmittance: bool,
+) -> Result<Box<InterfaceTable>, ParameterError> {
+    let alpha = Roughness::new(alpha_u, alpha_v)?;
+    let quantity = if transmittance { Quantity::Transmittance } else { Quantity::Reflectance };
+    let table = || CoreInterfaceTable::new(&ndf.core, shadowing(correlated), alpha, eta, quantity);
+    Ok(Box::new(InterfaceTable(threads::run(usize::MAX, table))))
+}
+
+impl InterfaceTable {
+    fn interface_header(&self) -> InterfaceHeader {
+        InterfaceHeader {
+            columns: self.0.columns() as u32,
+            critical: self.0.critical(),
+            average: self.0.average(),
+            internal_reflectance: self.0.internal_reflectance(),
+            facet_reflectance: self.0.facet_reflectance(),
         }
     }
 

@@ -38,3 +38,8 @@ pub const AZIMUTH_FLAT_FIT: [f64; 2] = [0.0822, -0.2256];
 pub const AVERAGE: usize = 512;
 /// Numbers at every node of a table of missing energy.
 pub const PACKET: usize = 4;
+
+/// Octaves of a table of a rough interface, by the distance of a cosine from 0, 1 and that of total reflection: what is nearer than 2^-14 is as there.
+pub const INTERFACE_OCTAVES: usize = 14;
+/// Cells of each.
+pub const INTERFACE_CELLS: usize = 8;

@@ -34,6 +34,7 @@
 //! | sampling of D·cos | 7–9 | [`ndf::Ndf::sample_projected`] | `sampling/visible_table.rs` |
 //! | sampling of visible normals | – | [`ndf::Ndf::sample`] | `sampling/visible_table.rs`, `sampling/azimuth.rs`, `sampling/bounded.rs` |
 //! | what one reflection loses, 1 − E | – | `SingleScattering::missing_energy`, `AlbedoTable` | `scattering/albedo.rs`, `scattering/albedo_table/` |
+//! | what a rough interface reflects and transmits | – | `SingleScattering::reflectance`, `SingleScattering::transmittance`, `InterfaceTable` | `scattering/interface.rs`, `scattering/interface_table.rs` |
 //! | walks on Smith's microsurface | – | [`scattering::random_walk::RandomWalk`] | `scattering/random_walk.rs` |
 //! | surfaces made of facets, walks on them | – | [`microsurface::generate::generate`], [`microsurface::trace::Tracer`] | `microsurface/` |
 //!

@@ -6,13 +6,14 @@ use cases::{Case, Random, row_cases};
 use glam::{DVec2, DVec3};
 use sgtd_core::error::ParameterError;
 use sgtd_core::microsurface::agreement::Agreement;
-use sgtd_core::microsurface::facet::{Material, dielectric};
+use sgtd_core::microsurface::facet::Material;
 use sgtd_core::microsurface::generate::{Generated, Settings, generate};
 use sgtd_core::microsurface::goniometer::{Counts, Setup};
 use sgtd_core::microsurface::surface::Surface;
 use sgtd_core::microsurface::trace::{End, Side, Tracer};
 use sgtd_core::ndf::{Ndf, Roughness, Shadowing};
 use sgtd_core::scattering::albedo::{Incidence, Rule, SingleScattering};
+use sgtd_core::scattering::fresnel::dielectric;
 use sgtd_core::scattering::random_walk::RandomWalk;
 use std::f64::consts::PI;
 

@@ -1,6 +1,7 @@
 //! What a facet does with light: a mirror, a metal, glass.
 
 use super::trace::Side;
+use crate::scattering::fresnel::{conductor, dielectric};
 use glam::DVec3;
 
 /// What the surface is made of.
@@ -69,27 +70,4 @@ impl Material {
             Self::Dielectric { eta } => DVec3::splat(dielectric(cosine.clamp(0.0, 1.0), eta).0),
         }
     }
-}
-
-/// Fresnel reflectance of a metal for unpolarized light (Born & Wolf, section 14.2).
-pub fn conductor(cosine: f64, eta: f64, k: f64) -> f64 {
-    let (c2, s2) = (cosine * cosine, 1.0 - cosine * cosine);
-    let t0 = eta * eta - k * k - s2;
-    let length = t0.hypot(2.0 * eta * k);
-    let a = (0.5 * (length + t0)).max(0.0).sqrt();
-    let s = (length + c2 - 2.0 * a * cosine) / (length + c2 + 2.0 * a * cosine);
-    let (x, y) = (c2 * length + s2 * s2, 2.0 * a * cosine * s2);
-    0.5 * s * (1.0 + (x - y) / (x + y))
-}
-
-/// Fresnel reflectance of glass for unpolarized light, and the cosine beyond; `eta` is the index beyond over that before. Total reflection is (1, 0).
-pub fn dielectric(cosine: f64, eta: f64) -> (f64, f64) {
-    let beyond = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
-    if beyond <= 0.0 {
-        return (1.0, 0.0);
-    }
-    let beyond = beyond.sqrt();
-    let s = (cosine - eta * beyond) / (cosine + eta * beyond);
-    let p = (eta * cosine - beyond) / (eta * cosine + beyond);
-    (0.5 * (s * s + p * p), beyond)
 }

@@ -46,7 +46,7 @@ impl Incidence {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rule {
     azimuthal: usize,
-    radial: usize,
+    pub(super) radial: usize,
 }
 
 impl Rule {
@@ -71,13 +71,13 @@ const GREATEST_SLOPE: f64 = 1e9;
 
 /// A profile sampled for the integral over the slopes.
 pub struct SingleScattering<'a> {
-    ndf: &'a Ndf,
-    shadowing: Shadowing,
-    rule: Rule,
-    edges: Vec<f64>,
+    pub(super) ndf: &'a Ndf,
+    pub(super) shadowing: Shadowing,
+    pub(super) rule: Rule,
+    pub(super) edges: Vec<f64>,
     /// (ρ, weight ρ f) for each panel in turn
-    nodes: Vec<(f64, f64)>,
-    tails: TailMoments,
+    pub(super) nodes: Vec<(f64, f64)>,
+    pub(super) tails: TailMoments,
 }
 
 impl<'a> SingleScattering<'a> {
@@ -99,32 +99,47 @@ impl<'a> SingleScattering<'a> {
 
     /// `1 − E`.
     pub fn missing_energy(&self, view: Incidence) -> f64 {
+        self.over_reflections(view, 1.0, |_, hidden| hidden)
+    }
+
+    /// The share of light that leaves after one reflection, if a facet reflects `share` of it, given the cosine at which it is met.
+    pub fn reflectance(&self, view: Incidence, share: impl Fn(f64) -> f64) -> f64 {
+        self.over_reflections(view, 0.0, |cosine, hidden| share(cosine) * (1.0 - hidden))
+    }
+
+    /// The mean over all visible facets that reflect the view upwards, of what depends on the cosine at which they are met, and on the share of
+    /// the reflection that is hidden; facets far beyond all others count as `beyond`.
+    fn over_reflections(&self, view: Incidence, beyond: f64, of: impl Fn(f64, f64) -> f64) -> f64 {
+        self.over_azimuths(view, |place, azimuth| self.along_azimuth(&view, place, azimuth, beyond, &of))
+    }
+
+    /// The mean over all visible facets of what is known along each azimuth of the stretched slope.
+    pub(super) fn over_azimuths(&self, view: Incidence, along: impl Fn(&Place, (f64, f64)) -> f64) -> f64 {
         // along the normal every azimuth is the view's; a finite stand-in is 1e-12 off
         let a = view.a.min(1e6 / view.along.min(1.0));
         let sec = (1.0 + (a * view.along).powi(2)).sqrt();
-        let (sin, cos) = (1.0 / sec, a * view.along / sec);
-        let masked = self.ndf.lambda_table().h(a);
-        let area = a + masked;
-        let mut lost = 0.0;
+        let place = Place { sin: 1.0 / sec, cos: a * view.along / sec, a, masked: self.ndf.lambda_table().h(a) };
+        let mut sum = 0.0;
         // symmetric in y without shear
         let quarters: &[f64] = if view.shear == 0.0 { &[0.0, 1.0] } else { &[-2.0, -1.0, 0.0, 1.0] };
         for &quarter in quarters {
             for &(t, weight) in gauss(self.rule.azimuthal).nodes() {
                 let (y, x) = (FRAC_PI_2 * (quarter + t)).sin_cos();
-                lost += weight * self.along_azimuth(&view, (sin, cos), (a, masked), (x, y));
+                sum += weight * along(&place, (x, y));
             }
         }
         let arc = if view.shear == 0.0 { PI } else { FRAC_PI_2 };
-        (lost * arc * self.ndf.profile().normalization() / PI / area).clamp(0.0, 1.0)
+        (sum * arc * self.ndf.profile().normalization() / PI / (a + place.masked)).clamp(0.0, 1.0)
     }
 
-    /// `∫ ρ f (a + ρ x)⁺ (1 − G) dρ` along one azimuth.
+    /// The factor `(a + ρ x)⁺` of a visible facet included, along one azimuth.
     fn along_azimuth(
         &self,
         view: &Incidence,
-        (sin, cos): (f64, f64),
-        (a, masked): (f64, f64),
+        &Place { sin, cos, a, masked }: &Place,
         (x, y): (f64, f64),
+        beyond: f64,
+        of: &impl Fn(f64, f64) -> f64,
     ) -> f64 {
         let (slope_x, slope_y) = (view.along * x, view.shear * x + view.across * y);
         let square = slope_x * slope_x + slope_y * slope_y;
@@ -133,10 +148,11 @@ impl<'a> SingleScattering<'a> {
         let root = (half * half + cos * cos * square).sqrt();
         let end = if half > 0.0 { (root + half) / (cos * square) } else { cos / (root - half) };
         let front = if x < 0.0 { a / -x } else { f64::INFINITY };
-        let loss_at = |rho: f64| {
+        let at = |rho: f64| {
             let (sx, sy) = (rho * slope_x, rho * slope_y);
             let facing = cos + sin * sx;
-            let twice = 2.0 * facing / (1.0 + sx * sx + sy * sy);
+            let sec2 = 1.0 + sx * sx + sy * sy;
+            let twice = 2.0 * facing / sec2;
             let (ox, oy, oz) = (twice * sx - sin, twice * sy, twice - cos);
             // stretched: the transpose of the map from stretched slopes to slopes
             let (tx, ty) = (view.along * ox + view.shear * oy, view.across * oy);
@@ -149,27 +165,37 @@ impl<'a> SingleScattering<'a> {
                 // times a, which may be 0
                 Shadowing::HeightCorrelated => (hidden * a, oz * (a + masked)),
             };
-            (a + rho * x).max(0.0) * if hidden > 0.0 { hidden / (hidden + visible) } else { 0.0 }
+            let hidden = if hidden > 0.0 { hidden / (hidden + visible) } else { 0.0 };
+            (a + rho * x).max(0.0) * of(facing / sec2.sqrt(), hidden)
         };
-        let mut lost = 0.0;
+        let mut sum = 0.0;
         let count = self.rule.radial;
         let mut from = 0.0;
         for (ends, nodes) in self.edges.windows(2).zip(self.nodes.chunks_exact(count)) {
             if ends[1] <= end {
-                lost += nodes.iter().map(|&(rho, mass)| mass * loss_at(rho)).sum::<f64>();
+                sum += nodes.iter().map(|&(rho, mass)| mass * at(rho)).sum::<f64>();
                 from = ends[1];
             } else {
                 let profile = self.ndf.profile();
-                lost += gauss(count).integrate(from, end, |rho| rho * profile.f_fast(rho) * loss_at(rho));
+                sum += gauss(count).integrate(from, end, |rho| rho * profile.f_fast(rho) * at(rho));
                 from = end;
                 break;
             }
         }
-        // beyond: lost entirely
         let [m1, m2] = self.tails.at(from.min(front));
         let [f1, f2] = self.tails.at(front);
-        lost + (a * (m1 - f1) + x * (m2 - f2)).max(0.0)
+        sum + beyond * (a * (m1 - f1) + x * (m2 - f2)).max(0.0)
     }
+}
+
+/// A view as the integral over the slopes knows it.
+pub(super) struct Place {
+    pub(super) sin: f64,
+    pub(super) cos: f64,
+    /// As [`Incidence::a`], but finite.
+    pub(super) a: f64,
+    /// H(a)
+    pub(super) masked: f64,
 }
 
 /// Ends of the panels of the radius.
@@ -198,7 +224,7 @@ fn panel_edges(profile: &dyn Profile) -> Vec<f64> {
 }
 
 /// `∫_ρ^∞ t f dt` and `∫_ρ^∞ t² f dt`, tabulated.
-struct TailMoments {
+pub(super) struct TailMoments {
     /// (ρ, both integrals, both integrands)
     points: Vec<(f64, [f64; 2], [f64; 2])>,
     /// By how much the exponent of a power tail exceeds 3.
@@ -247,7 +273,7 @@ impl TailMoments {
         Self { points, excess }
     }
 
-    fn at(&self, rho: f64) -> [f64; 2] {
+    pub(super) fn at(&self, rho: f64) -> [f64; 2] {
         let next = self.points.partition_point(|point| point.0 <= rho);
         if next == self.points.len() {
             let (last, [first, second], _) = self.points[next - 1];

@@ -4,6 +4,11 @@
 pub mod albedo;
 #[doc(hidden)]
 pub mod albedo_table;
+pub mod fresnel;
+#[doc(hidden)]
+pub mod interface;
+#[doc(hidden)]
+pub mod interface_table;
 pub mod random_walk;
 #[doc(hidden)]
 pub mod reflection;

@@ -89,7 +89,7 @@ impl Coordinates {
         x / (1.0 - x) / self.slope
     }
     /// The horizontal direction with this azimuth.
-    pub(super) fn direction_at(azimuth: f64, alpha: Roughness) -> DVec3 {
+    pub(crate) fn direction_at(azimuth: f64, alpha: Roughness) -> DVec3 {
         DVec3::new((1.0 - azimuth) / alpha.u.sqrt(), azimuth / alpha.v.sqrt(), 0.0).normalize_or(DVec3::X)
     }
     pub(super) fn view_at(&self, v: f64, horizontal: Incidence) -> Incidence {
