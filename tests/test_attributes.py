@@ -11,7 +11,9 @@ import pytest
 import scattering as sc
 
 SPECULAR = (sc.direction(40.0, 10.0), sc.direction(40.0, 190.0))
-PLUGINS = ["sgtdconductor", "sgtddielectric"]
+PLUGINS = ["sgtdconductor", "sgtddielectric", "sgtdplastic"]
+#: sgtdplastic shows a number, as roughplastic does
+ALPHA = {"sgtdplastic": "alpha"}
 
 
 def number(params, key) -> float:
@@ -79,6 +81,7 @@ def test_several_numbers_are_refused(llvm):
         ("sgtdconductor", {"mu": 0.05}),
         ("sgtddielectric", {"gamma": 1.6, "p": 1.5, "lambda": 0.25, "shift": 0.5}),
         ("sgtddielectric", {"eta": None}),
+        ("sgtdplastic", {"gamma": 1.6, "p": 1.5, "lambda": 0.25, "shift": 0.5, "eta": None}),
     ],
     ids=str,
 )
@@ -130,6 +133,10 @@ BAD = [
     ("sgtddielectric", {"alpha": 0.25}, "alpha.value", "alpha", [math.nan, math.inf, -0.2]),
     ("sgtddielectric", {"alpha_u": 0.25, "alpha_v": 0.1}, "alpha_u.value", "alpha_u", [math.nan]),
     ("sgtddielectric", {}, "eta", "eta", [math.nan, math.inf, 0.0, -1.0]),
+    ("sgtdplastic", {"alpha": 0.25, "gamma": 1.7}, "alpha", "alpha", [math.nan, math.inf, -0.2]),
+    ("sgtdplastic", {"alpha_u": 0.25, "alpha_v": 0.1}, "alpha_u", "alpha_u", [math.nan]),
+    ("sgtdplastic", {"gamma": 1.7}, "eta", "eta", [math.nan, math.inf, 0.0, -1.0]),
+    ("sgtdplastic", {"diffuse_reflectance": 0.4}, "diffuse_reflectance.value", "diffuse_reflectance", [math.nan]),
     (
         "sgtddielectric",
         {"specular_transmittance": 0.5},
@@ -169,8 +176,8 @@ def test_a_bad_shape_takes_the_others_back(variant, plugin):
     words, before = str(bsdf), sc.evaluate(bsdf, *SPECULAR)
     params = mi.traverse(bsdf)
     params["gamma"] = 0.5
-    params["alpha.value"] = 0.4
-    if plugin == "sgtddielectric":
+    params[ALPHA.get(plugin, "alpha.value")] = 0.4
+    if plugin != "sgtdconductor":
         params["eta"] = 1.3
     with pytest.raises(Exception, match=r"gamma.*0\.5"):
         params.update()
@@ -247,6 +254,7 @@ def test_mu_follows_an_optimizer_that_needs_no_derivative(llvm):
         ("sgtddielectric", {"alpha": 0.25}, [1.0] * 3),
         ("sgtddielectric", {"int_ior": 3.0, "ext_ior": 1.0, "specular_reflectance": 0.0}, [0.75] * 3),
         ("sgtddielectric", {"int_ior": 3.0, "ext_ior": 1.0, "specular_transmittance": 0.0}, [0.25] * 3),
+        ("sgtdplastic", {"diffuse_reflectance": 0.3}, [0.3] * 3),
     ],
     ids=lambda x: str(x)[:50],
 )

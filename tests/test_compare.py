@@ -230,11 +230,11 @@ def test_the_title_of_a_scene_xml_has_its_folder(compare, tmp_path):
 
 
 def test_with_nothing_to_exchange_the_materials_are_listed(compare, scene):
-    scene.write_text(SCENE.replace("roughconductor", "roughplastic").replace('<float name="alpha" value="0.3"/>', ""))
+    scene.write_text(SCENE.replace("roughconductor", "principled").replace('<float name="alpha" value="0.3"/>', ""))
     status, _, err, _ = compare(scene)
     assert status == 1
-    assert "the scene has 1 × roughplastic" in err
-    assert "never exchanged: roughplastic" in err
+    assert "the scene has 1 × principled" in err
+    assert "never exchanged: principled" in err
 
 
 @pytest.mark.parametrize("columns", [60, 100])

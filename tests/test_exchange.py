@@ -67,7 +67,7 @@ def test_nested_materials_are_exchanged(tmp_path, body):
 
 
 def test_only_the_materials_differ(tmp_path):
-    body = f'{ROUGH}<bsdf type="conductor"/><bsdf type="roughplastic"/><shape type="sphere"/><emitter type="constant"/>'
+    body = f'{ROUGH}<bsdf type="conductor"/><bsdf type="plastic"/><shape type="sphere"/><emitter type="constant"/>'
     pair = pair_of(tmp_path, body, "gamma=1.8")
     for left, right in zip(pair.left._state.nodes, pair.right._state.nodes):
         if left.props.plugin_name() != "roughconductor":
@@ -124,6 +124,24 @@ def test_glass_is_exchanged_for_glass(tmp_path):
     assert {key: str(value) for key, value in left.items()}.items() <= {k: str(v) for k, v in right.items()}.items()
     assert nearest == {"int_ior": "water", "ext_ior": 1.0, "alpha": 0.3, "distribution": "beckmann"}
     assert not properties(pair.left, "sgtddielectric") and not properties(pair.right, "roughdielectric")
+
+
+def test_plastic_is_exchanged_for_plastic(tmp_path):
+    """Base, indices and number of colors stay; a number of the roughness too."""
+    own = '<rgb name="diffuse_reflectance" value="0.1, 0.2, 0.3"/><boolean name="nonlinear" value="true"/>'
+    body = f"""<bsdf type="roughplastic">{own}{GLASS}<string name="distribution" value="ggx"/></bsdf>
+        <bsdf type="sgtdplastic">{own}{GLASS}<float name="gamma" value="1.7"/></bsdf>"""
+    pair = pair_of(tmp_path, body, "p=1.2")
+    assert [(exchange.left, exchange.right) for exchange in pair.exchanges] == [
+        ("roughplastic, ggx", "sgtdplastic, sgtd, gamma = 2, p = 1.2"),
+        ("roughplastic, ggx", "sgtdplastic, sgtd, gamma = 1.7, p = 1.2"),
+    ]
+    for graph, plugin in ((pair.left, "roughplastic"), (pair.right, "sgtdplastic")):
+        for found in properties(graph, plugin):
+            assert found["nonlinear"] is True and found["int_ior"] == "water" and found["alpha"] == 0.3
+            assert str(found["diffuse_reflectance"]) == str(
+                properties(pair.left, "roughplastic")[0]["diffuse_reflectance"]
+            )
 
 
 def test_the_picture_names_both_kinds(tmp_path):

@@ -1,6 +1,6 @@
 """Microfacet BSDFs of the skewed generalized t-distribution (SGTD) family for Mitsuba 3.
 
-Importing this package makes the plugins ``sgtdconductor`` and ``sgtddielectric`` known to Mitsuba::
+Importing this package makes the plugins ``sgtdconductor``, ``sgtddielectric`` and ``sgtdplastic`` known to Mitsuba::
 
     import mitsuba as mi
     import sgtd
@@ -33,7 +33,7 @@ __all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
 
-#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so`` and ``plugins/sgtddielectric.so``.
+#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so`` and the others.
 PLUGIN_DIR = Path(__file__).resolve().parent
 
 
@@ -74,5 +74,7 @@ try:
 except ImportError as error:
     # Not fatal: arrays need no Mitsuba, and `sgtd doctor` must be able to say what is wrong
     warnings.warn(
-        f"the plugins sgtdconductor and sgtddielectric are not available: {error}", RuntimeWarning, stacklevel=2
+        f"the plugins sgtdconductor, sgtddielectric and sgtdplastic are not available: {error}",
+        RuntimeWarning,
+        stacklevel=2,
     )

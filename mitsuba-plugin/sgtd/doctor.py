@@ -13,12 +13,16 @@ from typing import Any
 from .errors import one_line
 from .scene.variants import Probe, known_variants, probe
 
-PLUGINS = ("sgtdconductor", "sgtddielectric")
+PLUGINS = ("sgtdconductor", "sgtddielectric", "sgtdplastic")
 
 # What is evaluated; a metal's name makes a spectrum, which a plugin of another layout gets wrong.
-_MATERIALS = ({"type": "sgtdconductor", "material": "Au", "alpha": 0.2}, {"type": "sgtddielectric", "alpha": 0.2})
+_MATERIALS = (
+    {"type": "sgtdconductor", "material": "Au", "alpha": 0.2},
+    {"type": "sgtddielectric", "alpha": 0.2},
+    {"type": "sgtdplastic", "alpha": 0.2},
+)
 
-_NAMES = " and ".join(PLUGINS)
+_NAMES = f"{', '.join(PLUGINS[:-1])} and {PLUGINS[-1]}"
 
 # The versions of LLVM that Dr.Jit accepts and that still end the process on processors with AVX-512.
 _LLVM_ABORTS_ON_AVX512 = range(15, 17)

@@ -133,10 +133,14 @@ Shared<NdfKey, Ndf> shared_ndfs;
 using MissingEnergyKey = std::tuple<std::string, double, bool, double, double>;
 Shared<MissingEnergyKey, MissingEnergy> shared_missing_energies;
 
+using InterfaceKey = std::tuple<std::string, double, bool, double, double, double, bool>;
+Shared<InterfaceKey, Interface> shared_interfaces;
+
 /// Runs in the child of every fork, where only stores are safe.
 void forget_parent() {
     shared_ndfs.forget();
     shared_missing_energies.forget();
+    shared_interfaces.forget();
     sgtd::forget_threads();
 }
 
@@ -335,6 +339,27 @@ std::shared_ptr<const MissingEnergy> Ndf::missing_energy(bool correlated, double
             return checked([&] {
                 return to_host(
                     *sgtd::new_anisotropic_albedo(*m_impl->core, correlated, alpha_u, alpha_v));
+            });
+        });
+}
+
+std::shared_ptr<const Interface> Ndf::interface(bool correlated, double alpha_u, double alpha_v,
+                                                double eta, bool transmittance) const {
+    return shared_interfaces.get(
+        { m_impl->key, m_impl->accuracy, correlated, alpha_u, alpha_v, eta, transmittance }, [&] {
+            return checked([&] {
+                rust::Box<sgtd::InterfaceTable> core = sgtd::new_interface_table(
+                    *m_impl->core, correlated, alpha_u, alpha_v, eta, transmittance);
+                sgtd::InterfaceHeader header  = core->interface_header();
+                rust::Slice<const float> flat = core->flat();
+                Interface result;
+                result.columns              = header.columns;
+                result.critical             = header.critical;
+                result.average              = header.average;
+                result.internal_reflectance = header.internal_reflectance;
+                result.facet_reflectance    = header.facet_reflectance;
+                result.table.assign(flat.begin(), flat.end());
+                return std::make_shared<const Interface>(std::move(result));
             });
         });
 }

@@ -188,6 +188,22 @@ struct MissingEnergy {
     std::vector<float> table;
 };
 
+/// What a rough interface reflects or transmits at one pair of roughnesses and one index: numbers
+/// and an array from which it can be evaluated.
+struct Interface {
+    /// Azimuths of the array; 1 for one roughness
+    uint32_t columns;
+    /// Cosine of total reflection, or 0
+    double critical;
+    /// 2 * integral of the quantity * mu
+    double average;
+    /// The same of what is reflected from below, if transmittance was asked for
+    double internal_reflectance;
+    /// The same of what a facet reflects from above
+    double facet_reflectance;
+    std::vector<float> table;
+};
+
 /// 1/gamma, p, lambda and shift: what derivatives are taken by.
 constexpr size_t ShapeParameters = 4;
 
@@ -313,6 +329,11 @@ public:
     std::shared_ptr<const MissingEnergy> missing_energy(bool correlated) const;
     std::shared_ptr<const MissingEnergy> missing_energy(bool correlated, double alpha_u,
                                                         double alpha_v) const;
+
+    /// The reflectance or the transmittance of an interface with the index `eta`, that below over
+    /// that above. Shared in the same way.
+    std::shared_ptr<const Interface> interface(bool correlated, double alpha_u, double alpha_v,
+                                               double eta, bool transmittance) const;
 
     /// Functions over arrays, by their names in the core's table of queries. Directions are packed
     /// xyz. `results_of` says how many numbers come of so many in the first array.

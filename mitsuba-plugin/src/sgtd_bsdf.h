@@ -36,13 +36,7 @@ public:
     MI_IMPORT_TYPES(Texture)
 
     void traverse(TraversalCallback *cb) override {
-        const auto rough = ParamFlags::Differentiable | ParamFlags::Discontinuous;
-        if (m_anisotropic) {
-            cb->put("alpha_u", m_alpha_u, rough);
-            cb->put("alpha_v", m_alpha_v, rough);
-        } else {
-            cb->put("alpha", m_alpha_u, rough);
-        }
+        traverse_roughness(cb, ParamFlags::Differentiable | ParamFlags::Discontinuous);
         m_source.traverse(cb);
         for (size_t i = 0; i < Count; ++i)
             if (m_parameters[i].free)
@@ -120,6 +114,16 @@ protected:
             update_shape();
     }
 
+    /// Shows the roughness.
+    virtual void traverse_roughness(TraversalCallback *cb, uint32_t flags) {
+        if (m_anisotropic) {
+            cb->put("alpha_u", m_alpha_u, flags);
+            cb->put("alpha_v", m_alpha_v, flags);
+        } else {
+            cb->put("alpha", m_alpha_u, flags);
+        }
+    }
+
     // ------------------------------------------------------------------
     //  Reading of properties
     // ------------------------------------------------------------------
@@ -195,6 +199,26 @@ protected:
         }
     }
 
+    /// Sets the number of a texture that is one.
+    static void set_constant(Texture *texture, const Float &value) {
+        struct Writer : TraversalCallback {
+            explicit Writer(const Float &number) : m_value(number) {}
+
+            void put_value(std::string_view name, void *target, uint32_t,
+                           const std::type_info &type) override {
+                if (name == "value" && strcmp(type.name(), typeid(Float).name()) == 0)
+                    *(Float *)target = m_value;
+            }
+
+            void put_object(std::string_view, Object *, uint32_t) override {}
+
+        private:
+            Float m_value;
+        } writer(value);
+        texture->traverse(&writer);
+        texture->parameters_changed({ "value" });
+    }
+
     /// Has a texture refused when it becomes a number that is not finite.
     void watch(const char *name, Texture *texture) {
         m_watched.push_back({ name, texture, constant(texture) });
@@ -205,11 +229,8 @@ protected:
         for (Float &shown : m_shown)
             shown = dr::detach(shown);
         for (const Watched &watched : m_watched)
-            if (watched.last && constant(watched.texture) != watched.last) {
-                Writer writer(*watched.last);
-                watched.texture->traverse(&writer);
-                watched.texture->parameters_changed({ "value" });
-            }
+            if (watched.last && constant(watched.texture) != watched.last)
+                set_constant(watched.texture, dr::opaque<Float>((ScalarFloat)*watched.last));
         show_parameters();
         m_source.show();
     }
@@ -521,9 +542,7 @@ private:
         // A roughness that nobody gave follows the table, until somebody changes it
         if (m_alpha_of_source && m_width != width()) {
             if (m_width != 0.f && constant(m_alpha_u.get()) == (double)m_width) {
-                Writer writer(width());
-                m_alpha_u->traverse(&writer);
-                m_alpha_u->parameters_changed({ "value" });
+                set_constant(m_alpha_u.get(), dr::opaque<Float>((ScalarFloat)width()));
                 m_watched[0].last = constant(m_alpha_u.get());
             }
             m_width = width();
@@ -713,21 +732,6 @@ private:
         std::optional<double> last;
     };
 
-    /// Sets the number of a `uniform` texture.
-    struct Writer : TraversalCallback {
-        explicit Writer(double number) : value(number) {}
-
-        void put_value(std::string_view name, void *target, uint32_t,
-                       const std::type_info &type) override {
-            if (name == "value" && strcmp(type.name(), typeid(Float).name()) == 0)
-                *(Float *)target = dr::opaque<Float>((ScalarFloat)value);
-        }
-
-        void put_object(std::string_view, Object *, uint32_t) override {}
-
-        double value;
-    };
-
     /// Refuses numbers that no texture should have; returns what they are now.
     std::vector<std::optional<double>> check_textures(const std::vector<std::string> &keys) const {
         std::vector<std::optional<double>> now(m_watched.size());
@@ -771,6 +775,8 @@ protected:
     ShapeGradient<Float> m_gradient;
     /// The lowest node that the numbers allow, and the factor on the user's roughness there
     sgtd::host::RowShape m_node;
+    /// Name of the BSDF
+    std::string m_plugin;
 
 private:
     /// May they be, and was that asked for, or forbidden, by name?
@@ -797,7 +803,6 @@ private:
     bool m_alpha_of_source = false;
     float m_width          = 0.f;
 
-    std::string m_plugin;
     std::vector<Watched> m_watched;
 
     /// What the tables were made for.

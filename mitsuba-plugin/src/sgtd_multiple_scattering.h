@@ -10,6 +10,7 @@
 #include <mitsuba/render/fwd.h>
 
 #include "bridge.h"
+#include "table_axis.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -70,10 +71,10 @@ template <typename Float_> struct SgtdMultipleScattering {
                      dr::exp2(dr::fmadd(average_u, dr::log(u / alpha_u),
                                         dr::fmadd(average_v, dr::log(v / alpha_v), average))) };
         // Two textures: the isotropic roughness that is closest for slopes across the view
-        Float alpha = .5f * (u + v);
-        auto [cell, t] =
-            locate(1.f - dr::log2(alpha * inv_greatest_alpha) * inv_least_log, UInt32(Average));
-        UInt32 k  = 4u * views * columns + cell;
+        Float alpha    = .5f * (u + v);
+        auto [cell, t] = locate_cell(1.f - dr::log2(alpha * inv_greatest_alpha) * inv_least_log,
+                                     UInt32(Average));
+        UInt32 k       = 4u * views * columns + cell;
         Float low = dr::gather<Float>(table, k), high = dr::gather<Float>(table, k + 1u);
         return { alpha, alpha, dr::exp2(dr::fmadd(t, high - low, low)) };
     }
@@ -116,21 +117,30 @@ template <typename Float_> struct SgtdMultipleScattering {
     }
 
     /**
-     * F_ms: what is left of light that a conductor reflects twice or more.
+     * F_ms: what is left of light that facets with the average Fresnel reflectance F reflect twice
+     * or more.
      *
-     * The series of reflections with the average Fresnel reflectance F, of which the share
-     * E_avg leaves after each one: F^2 E_avg / (1 - F (1 - E_avg)) (Kulla & Conty 2017, with the
-     * square of Hill 2018, for two reflections at least).
+     * The series of reflections, of which the share E_avg leaves after each one: F^2 E_avg / (1 - F
+     * (1 - E_avg)) (Kulla & Conty 2017, with the square of Hill 2018, for two reflections at
+     * least).
      */
     template <typename Spectrum>
-    static Spectrum tint(const Float &average_missing_energy, const dr::Complex<Spectrum> &eta) {
-        Spectrum F  = average_fresnel(eta);
+    static Spectrum tint(const Float &average_missing_energy, const Spectrum &F) {
         Float leave = dr::maximum(1.f - average_missing_energy, 1e-6f);
         return dr::square(F) * leave / dr::maximum(1.f - F + F * leave, 1e-6f);
     }
 
+    /// The lobe itself times the cosine and by F_ms: `lost` is what `missing_energy` has for the
+    /// view.
+    template <typename Vector>
+    Float lobe(const Surface &s, const Float &lost, const Vector &wo) const {
+        return dr::InvPi<Float> * wo.z() * lost * missing_energy(s, wo) /
+               dr::maximum(s.average_missing_energy, 1e-30f);
+    }
+
     /**
-     * F_avg = 2 * integral of F(mu) mu, by the four-point Gauss rule for the weight mu.
+     * F_avg = 2 * integral of F(mu) mu of a conductor, by the four-point Gauss rule for the weight
+     * mu.
      *
      * Where k is near 0 and eta below 1, which no metal is at visible wavelengths, F has a bend
      * that the rule does not see.
@@ -203,19 +213,12 @@ private:
         return dr::clip(compressed(alpha) * inv_greatest, 1e-12f, 1.f);
     }
 
-    /// The cell of a coordinate in [0, 1] on an axis of `count` nodes, and the place in it.
-    static std::pair<UInt32, Float> locate(const Float &x, const UInt32 &count) {
-        Float scaled = dr::clip(x, 0.f, 1.f) * Float(count - 1u);
-        UInt32 cell  = dr::minimum(UInt32(dr::detach(scaled)), count - 2u);
-        return { cell, scaled - Float(cell) };
-    }
-
     Packet packet(const UInt32 &index) const { return dr::gather<Packet>(table, index); }
 
     /// Bicubic Hermite polynomial.
     Float read_isotropic(const Float &v, const Float &w) const {
-        auto [i, s]  = locate(v, views);
-        auto [j, t]  = locate(w, columns);
+        auto [i, s]  = locate_cell(v, views);
+        auto [j, t]  = locate_cell(w, columns);
         UInt32 index = i * columns + j;
         // Polynomials for value and derivative at both ends
         auto at = [](const Float &x) {
@@ -242,8 +245,8 @@ private:
         Float x = dr::sqrt(surface.alpha_u) * dr::abs(w.x()),
               y = dr::sqrt(surface.alpha_v) * dr::abs(w.y()), sum = x + y;
         Float azimuth = dr::select(sum > 1e-12f, y / dr::maximum(sum, 1e-12f), 0.f);
-        auto [i, s]   = locate(v, views);
-        auto [j, t]   = locate(azimuth, columns);
+        auto [i, s]   = locate_cell(v, views);
+        auto [j, t]   = locate_cell(azimuth, columns);
         UInt32 k      = i * columns + j;
         Packet low    = dr::lerp(packet(k), packet(k + 1u), t),
                high   = dr::lerp(packet(k + columns), packet(k + columns + 1u), t),

@@ -6,9 +6,7 @@
 #include <sstream>
 
 #include "mitsuba_version.h"
-#include "ggx_reflection.h"
-#include "sgtd_bsdf.h"
-#include "sgtd_multiple_scattering.h"
+#include "sgtd_reflecting.h"
 
 NAMESPACE_BEGIN(mitsuba)
 
@@ -211,19 +209,17 @@ incidence times ``specular_reflectance``, within [0, 1] and the same from every 
  */
 // clang-format on
 template <typename Float, typename Spectrum> class SgtdConductor final
-    : public SgtdBSDF<Float, Spectrum> {
+    : public SgtdReflecting<Float, Spectrum> {
 public:
-    MI_IMPORT_BASE(SgtdBSDF, m_flags, m_components, m_alpha_u, m_alpha_v, m_anisotropic,
-                   m_height_correlated, m_builtin, m_ndf, m_node, m_tables, changed, check_constant,
-                   constant, describe, follows_shape, mitsubas_own, normals, roughness,
-                   sample_following, to_stokes_bases, watch, with_tables)
+    MI_IMPORT_BASE(SgtdReflecting, m_flags, m_components, m_anisotropic, m_missing_energy,
+                   m_multiple_scattering, check_constant, describe, follows_shape, loss_surface,
+                   mitsubas_own, own_facets, reflects, roughness, sample_following, to_stokes_bases,
+                   watch, with_facets)
     MI_IMPORT_TYPES(Texture)
 
-    SgtdConductor(const Properties &props) : Base(props, true) {
+    SgtdConductor(const Properties &props) : Base(props) {
         read_metal(props);
-        m_multiple_scattering = props.get<bool>("multiple_scattering", false);
-        m_colored             = m_specular_reflectance != nullptr;
-        update_missing_energy();
+        m_colored = m_specular_reflectance != nullptr;
         update_flags();
     }
 
@@ -236,19 +232,7 @@ public:
     }
 
     void parameters_changed(const std::vector<std::string> &keys = {}) override {
-        const sgtd::host::RowShape before                 = m_node;
-        const std::shared_ptr<const sgtd::host::Ndf> held = m_ndf;
         Base::parameters_changed(keys);
-        for (const char *name : { "alpha_u", "alpha_v" })
-            if (m_missing_energy.fixed && recording<Float>() && string::contains(keys, name))
-                Throw("parameter \"%s\" cannot be changed inside a frozen function where "
-                      "multiple_scattering is on, as it has a table for two roughnesses: change it "
-                      "before the call",
-                      name);
-        bool pair = changed(keys, "alpha_u") || changed(keys, "alpha_v");
-        if (!(m_node == before) || m_ndf != held ||
-            (m_missing_energy.fixed && pair && !recording<Float>()))
-            update_missing_energy();
         update_flags();
     }
 
@@ -330,7 +314,6 @@ public:
         std::ostringstream oss;
         oss << "SgtdConductor[" << std::endl;
         describe(oss);
-        oss << "  multiple_scattering = " << (bool)m_multiple_scattering << "," << std::endl;
         if (m_specular_reflectance)
             oss << "  specular_reflectance = " << string::indent(m_specular_reflectance) << ","
                 << std::endl;
@@ -341,14 +324,6 @@ public:
     }
 
     MI_DECLARE_CLASS(SgtdConductor)
-
-protected:
-    const char *no_gradient() const override {
-        return m_multiple_scattering
-                   ? "multiple_scattering is on, whose tables have no derivatives: turn it off to "
-                     "differentiate by gamma, p, lambda, shift or mu"
-                   : nullptr;
-    }
 
 private:
     // ------------------------------------------------------------------
@@ -382,36 +357,6 @@ private:
             watch("specular_reflectance", m_specular_reflectance.get());
     }
 
-    /// Makes the table of what single scattering loses, if it is to be returned.
-    void update_missing_energy() {
-        if (!m_multiple_scattering)
-            return;
-        using MultipleScattering = SgtdMultipleScattering<Float>;
-        // Mitsuba's own distributions have no tables of ours
-        std::shared_ptr<const sgtd::host::Ndf> ndf =
-            m_ndf ? m_ndf : sgtd::host::Ndf::get(m_node.shape, sgtd::host::DefaultAccuracy, false);
-        // A roughness that is no number counts as one that varies
-        std::optional<double> u = constant(m_alpha_u.get()), v = constant(m_alpha_v.get());
-        if (m_anisotropic && u && v) {
-            auto scaled = [&](double alpha) {
-                return std::max(alpha * m_node.alpha_scale, sgtd::host::LeastAlpha);
-            };
-            m_missing_energy = MultipleScattering::load(
-                ndf->missing_energy(m_height_correlated, scaled(*u), scaled(*v)), scaled(*u),
-                scaled(*v));
-        } else {
-            m_missing_energy = MultipleScattering::load(ndf->missing_energy(m_height_correlated));
-        }
-        m_pair = m_missing_energy.fixed;
-        if (m_missing_energy.source->reached > 1e-3)
-            Log(Warn,
-                "sgtdconductor: with multiple_scattering, the share of light that single "
-                "scattering keeps is off by up to %g for this shape, and a white furnace by as "
-                "much. A lower shift or p%s makes it smaller.",
-                m_missing_energy.source->reached,
-                m_missing_energy.fixed ? ", or one alpha instead of two," : "");
-    }
-
     void update_flags() {
         m_flags = BSDFFlags::GlossyReflection | BSDFFlags::FrontSide;
         if (m_anisotropic)
@@ -423,45 +368,6 @@ private:
     // ------------------------------------------------------------------
     //  Evaluation
     // ------------------------------------------------------------------
-
-    /// Calls `f` with the facets at a place.
-    template <typename Function>
-    auto with_facets(const SurfaceInteraction3f &si, const Mask &active, const Function &f) const {
-        return Base::template with_facets<BuiltinFacets<Float, Spectrum>>(
-            si, active,
-            [&](const Float &alpha_u, const Float &alpha_v, const auto &f_) {
-                return own_facets(alpha_u, alpha_v, f_);
-            },
-            f);
-    }
-
-    /// The same for those that are not Mitsuba's own.
-    template <typename Function>
-    auto own_facets(const Float &alpha_u, const Float &alpha_v, const Function &f) const {
-        using Closed = GgxReflection<Float, Spectrum>;
-        using Tables = SgtdDistribution<Float, Spectrum>;
-        if (m_builtin)
-            return f(ReflectingFacets<Float, Spectrum, Closed>(
-                alpha_u, alpha_v, m_height_correlated, alpha_u, alpha_v));
-        return with_tables(alpha_u, [&](const SgtdTables<Float> &tables) {
-            return f(ReflectingFacets<Float, Spectrum, Tables>(
-                alpha_u * tables.alpha_scale, alpha_v * tables.alpha_scale, m_height_correlated,
-                *m_ndf, tables, alpha_u, alpha_v, normals(), !m_anisotropic));
-        });
-    }
-
-    /// The roughness as the table of missing energy knows it.
-    template <typename Facets> auto loss_surface(const Facets &facets) const {
-        const auto least = (ScalarFloat)sgtd::host::LeastAlpha;
-        return m_missing_energy.surface(dr::maximum(facets.alpha_u(), least),
-                                        dr::maximum(facets.alpha_v(), least));
-    }
-
-    /// Is the facet `m` seen from its front side from both directions?
-    static Mask reflects(const Vector3f &wi, const Vector3f &wo, const Vector3f &m) {
-        return Frame3f::cos_theta(wi) > 0.f && Frame3f::cos_theta(wo) > 0.f &&
-               dr::dot(wi, m) > 0.f && dr::dot(wo, m) > 0.f;
-    }
 
     static BSDFSample3f sample_towards(const Vector3f &wo, const Float &pdf) {
         BSDFSample3f bs      = dr::zeros<BSDFSample3f>();
@@ -535,21 +441,14 @@ private:
     std::pair<Spectrum, Float> color(const Facets &facets, const At &at, const BSDFContext &ctx,
                                      const SurfaceInteraction3f &si, const Vector3f &wo,
                                      const Vector3f &m, Mask active) const {
-        Float cos_theta_i = Frame3f::cos_theta(si.wi), pdf = 0.f;
-        active   = facets.defined(active, cos_theta_i, Frame3f::cos_theta(wo));
-        Mask lit = active;
-        Spectrum value(0.f);
-        if constexpr (Value) {
-            UnpolarizedSpectrum result = at.d * at.g / (4.f * cos_theta_i);
-            lit                        = facets.lit(active, at.d, dr::all(dr::isfinite(result)));
-            Spectrum F                 = reflectance(facets, ctx, si, wo, m, lit);
-            if (m_specular_reflectance)
-                result *= m_specular_reflectance->eval(si, lit);
-            value = (F * result) & lit;
-        }
-        if constexpr (Pdf)
-            pdf = dr::select(facets.dense(active, lit, at.pdf), at.pdf, 0.f);
-        return { value, pdf };
+        return Base::template single_scattering<Value, Pdf>(
+            facets, at, si.wi, wo, active,
+            [&](UnpolarizedSpectrum result, const Mask &lit) -> Spectrum {
+                Spectrum F = reflectance(facets, ctx, si, wo, m, lit);
+                if (m_specular_reflectance)
+                    result *= m_specular_reflectance->eval(si, lit);
+                return F * result;
+            });
     }
 
     /// Adds the lobe that returns what single scattering loses, and the density of its samples.
@@ -562,10 +461,9 @@ private:
         if constexpr (Value) {
             dr::Complex<UnpolarizedSpectrum> eta(m_eta->eval(si, active), m_k->eval(si, active));
             UnpolarizedSpectrum result =
-                m_missing_energy.tint(surface.average_missing_energy, eta) *
-                (dr::InvPi<Float> * Frame3f::cos_theta(wo) * lost *
-                 m_missing_energy.missing_energy(surface, wo) /
-                 dr::maximum(surface.average_missing_energy, 1e-30f));
+                m_missing_energy.tint(surface.average_missing_energy,
+                                      m_missing_energy.average_fresnel(eta)) *
+                m_missing_energy.lobe(surface, lost, wo);
             if (m_specular_reflectance)
                 result *= m_specular_reflectance->eval(si, active);
             value += depolarizer<Spectrum>(result) & active;
@@ -597,16 +495,10 @@ private:
 
 private:
     ref<Texture> m_eta, m_k, m_specular_reflectance;
-    FrozenChoice<Float> m_multiple_scattering;
-    /// Is the table of missing energy that of two roughnesses?
-    FrozenChoice<Float> m_pair;
     /// Is there a specular_reflectance?
     FrozenChoice<Float> m_colored;
-    /// Empty unless light is scattered more than once
-    SgtdMultipleScattering<Float> m_missing_energy;
 
-    MI_TRAVERSE_CB(Base, m_multiple_scattering, m_pair, m_colored, m_eta, m_k,
-                   m_specular_reflectance, m_missing_energy)
+    MI_TRAVERSE_CB(Base, m_colored, m_eta, m_k, m_specular_reflectance)
 };
 
 /// Entry point; refuses to register anything in another release of Mitsuba, whose classes have

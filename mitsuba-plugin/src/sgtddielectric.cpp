@@ -1,6 +1,5 @@
 #include <mitsuba/core/string.h>
 #include <mitsuba/render/fresnel.h>
-#include <mitsuba/render/ior.h>
 #include <mitsuba/render/texture.h>
 
 #include <cmath>
@@ -8,6 +7,7 @@
 #include <type_traits>
 
 #include "mitsuba_version.h"
+#include "refraction_index.h"
 #include "sgtd_bsdf.h"
 #include "smith_transmission.h"
 
@@ -101,9 +101,10 @@ public:
         if ((m_colored_transmission = m_specular_transmittance != nullptr))
             watch("specular_transmittance", m_specular_transmittance.get());
 
-        double int_ior = ior(props, "int_ior", "bk7"), ext_ior = ior(props, "ext_ior", "air");
-        m_eta = (ScalarFloat)(int_ior / ext_ior);
-        check_eta();
+        double int_ior = refraction_index(props, "int_ior", "bk7"),
+               ext_ior = refraction_index(props, "ext_ior", "air");
+        m_eta          = (ScalarFloat)(int_ior / ext_ior);
+        check_eta(m_eta);
         update_eta();
 
         uint32_t extra = BSDFFlags::FrontSide | BSDFFlags::BackSide;
@@ -127,7 +128,7 @@ public:
         bool index = changed(keys, "eta");
         try {
             if (index)
-                check_eta();
+                check_eta(m_eta);
             Base::parameters_changed(keys);
         } catch (...) {
             if (index)
@@ -275,37 +276,6 @@ private:
     // ------------------------------------------------------------------
     //  Index of refraction
     // ------------------------------------------------------------------
-
-    /// An index of refraction, given as a number or as the name of a material.
-    static double ior(const Properties &props, const char *name, const char *default_material) {
-        Properties::Type type =
-            props.has_property(name) ? props.type(name) : Properties::Type::String;
-        if (type == Properties::Type::String) {
-            try {
-                return lookup_ior(props, name, std::string(default_material));
-            } catch (const std::exception &error) {
-                Throw("parameter \"%s\" is \"%s\": choose a number, or one of Mitsuba's materials, "
-                      "such as bk7 (%s)",
-                      name, props.get<std::string_view>(name), error.what());
-            }
-        }
-        double value = props.get<double>(name);
-        if (!std::isfinite(value) || value <= 0.0)
-            Throw("parameter \"%s\" is %s, but must be a finite number above 0", name, value);
-        return value;
-    }
-
-    /// Refuses a bad eta.
-    void check_eta() const {
-        if (recording<Float>())
-            return;
-        if (dr::width(m_eta) != 1)
-            Throw("parameter \"eta\" is an array of %s numbers, but must be one number",
-                  dr::width(m_eta));
-        double value = (double)dr::slice(dr::detach(m_eta));
-        if (!std::isfinite(value) || value <= 0.0)
-            Throw("parameter \"eta\" is %s, but must be a finite number above 0", value);
-    }
 
     /// Derives what follows from eta.
     void update_eta() {

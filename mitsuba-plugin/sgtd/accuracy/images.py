@@ -102,7 +102,7 @@ def has_own_shapes(scene: SceneFile) -> bool:
 
 
 def own_shapes(scene: SceneFile) -> list[NamedShape]:
-    """The shapes that a scene's own sgtdconductors and sgtddielectrics have, as far as their parameters are numbers."""
+    """The shapes that a scene's own materials of this family have, as far as their parameters are numbers."""
     found: dict[str, NamedShape] = {}
     for node in _materials(scene.graph):
         with mitsuba_errors(scene.graph.place(node)):

@@ -50,7 +50,7 @@ def accuracy_command(
     """Show what accuracy costs in time: for functions, and for images.
 
     The property "accuracy" is swept from 1e-1 to 1e-10 and 0 (quadrature). A scene of your own keeps its
-    sgtdconductors and sgtddielectrics unless --shape is given; Mitsuba's rough materials are exchanged for the shapes.
+    sgtdconductors, sgtddielectrics and sgtdplastics unless --shape is given; Mitsuba's rough materials are exchanged for the shapes.
 
     \b
     Examples:

@@ -45,9 +45,9 @@ def compare_command(
 ) -> None:
     """Compare Mitsuba's rough materials (left) with ours (right) in any scene.
 
-    Every roughconductor of the scene is exchanged for an sgtdconductor of the same metal and roughness, and every
-    roughdielectric for an sgtddielectric of the same indices; --set moves their shape away from the scene's own
-    distribution. A material of ours that the scene has already is compared the other way round: it is shown on the
+    Every roughconductor of the scene is exchanged for an sgtdconductor of the same metal and roughness, every
+    roughdielectric for an sgtddielectric of the same indices, and every roughplastic for an sgtdplastic; --set moves
+    their shape away from the scene's own distribution. A material of ours that the scene has already is compared the other way round: it is shown on the
     right, and on the left the nearest of Mitsuba's.
 
     \b

@@ -30,7 +30,7 @@ def render_command(
     lenient: bool,
     parameters: dict[str, str],
 ) -> None:
-    """Render a scene; sgtdconductor and sgtddielectric can be used in it.
+    """Render a scene; sgtdconductor, sgtddielectric and sgtdplastic can be used in it.
 
     \b
     Examples:

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import mitsuba_errors
 from ..interleaved_timing import Clock, ratios, render_clock
 from ..scene import numeric_distribution
-from ..scene.exchange import ORIGINALS, exchange
+from ..scene.exchange import ISOTROPIC, ORIGINALS, exchange, one_roughness
 from ..scene.graph import SceneGraph
 from .material import Material
 
@@ -30,7 +30,7 @@ _PIXELS, _SPP = 64, (16, 64)
 _SCENE_PIXELS, _SCENE_SPP = (1 << 14, 1 << 16), (4, 16)
 
 # Properties that both plugins have. Textures are exchanged for a bitmap.
-_COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior", "ext_ior")
+_COMMON = ("alpha", "alpha_u", "alpha_v", "material", "sample_visible", "int_ior", "ext_ior", "nonlinear")
 
 # Those that only this family has.
 _OWN = (
@@ -88,6 +88,8 @@ def measure_costs(material: Material, repetitions: int) -> tuple[Cost, ...]:
     own = {name: _number(material.properties[name]) for name in _OWN if name in material.properties}
     ours = {"type": material.plugin, **common, **own}
     theirs = {"type": theirs_plugin, "distribution": "ggx", **common}
+    if theirs_plugin in ISOTROPIC and (mean := one_roughness(theirs)) is not None:
+        theirs = {name: value for name, value in theirs.items() if name not in ("alpha_u", "alpha_v")} | {"alpha": mean}
     clocks = [(_render_seconds, f"a render of {_PIXELS} x {_PIXELS} pixels that it fills")]
     if _is_jit():
         clocks.insert(0, (_kernel_seconds, f"eval_pdf and sample of {_LANES} directions alone"))

@@ -112,8 +112,8 @@ class Material:
         )
 
 
-# The plugin whose sampling can be bounded: light that is refracted has no such limit.
-REFLECTS_ONLY = "sgtdconductor"
+# The plugins whose sampling can be bounded: light that is refracted has no such limit.
+REFLECT_ONLY = ("sgtdconductor", "sgtdplastic")
 
 # Effects, beside anisotropy, textures and double precision, that are code and not numbers.
 STRUCTURAL = ("visible normals", "bounded sampling", "height-correlated masking", "multiple scattering")
@@ -149,7 +149,7 @@ def explain_material(graph: SceneGraph, node: Any, holders: list[Any]) -> Materi
     objects = frozenset(name for name, other in nested.items() if other is not None)
     textured = not objects.isdisjoint(("alpha", "alpha_u", "alpha_v"))
     # as the plugin decides it
-    bounded = props.plugin_name() == REFLECTS_ONLY and visible and bool(values.get("sample_bounded", not builtin))
+    bounded = props.plugin_name() in REFLECT_ONLY and visible and bool(values.get("sample_bounded", not builtin))
     tables = None if builtin else _tables(radial, accuracy, visible)
     return Material(
         id=str(props.id()) or "unnamed",

@@ -1,15 +1,15 @@
 """The exchange of rough materials: one scene, made into a pair that differs in their microfacets alone.
 
-On the left every rough metal is a ``roughconductor`` and every rough glass a ``roughdielectric``; on the right they
-are an ``sgtdconductor`` and an ``sgtddielectric`` of the same metal or indices, roughness, textures and reflectance.
+On the left every rough metal is a ``roughconductor``, every rough glass a ``roughdielectric``, every rough plastic a ``roughplastic``; on the
+right they are an ``sgtdconductor``, ``sgtddielectric`` or ``sgtdplastic`` of the same metal or indices, roughness, textures and reflectance.
 What a scene file has of either kind is kept as it is on its own side:
 
-=======================================  ==============================  ========================================
-the file has                             left                            right
-=======================================  ==============================  ========================================
-``roughconductor``, ``roughdielectric``  as in the file                  the same distribution, moved by ``--set``
-``sgtdconductor``, ``sgtddielectric``    the nearest of GGX, Beckmann    as in the file, moved by ``--set``
-=======================================  ==============================  ========================================
+=====================================  ==============================  ========================================
+the file has                           left                            right
+=====================================  ==============================  ========================================
+one of Mitsuba's, ``rough…``           as in the file                  the same distribution, moved by ``--set``
+one of ours, ``sgtd…``                 the nearest of GGX, Beckmann    as in the file, moved by ``--set``
+=====================================  ==============================  ========================================
 
 A material is one node of the scene graph, so one that is shared by ``<ref>``, nested in another BSDF or comes from
 an included file is exchanged like any other.
@@ -30,12 +30,18 @@ from .graph import SceneGraph
 from .numeric_distribution import radial_of
 
 # Mitsuba's plugins, and what each is exchanged for.
-PARTNERS = {"roughconductor": "sgtdconductor", "roughdielectric": "sgtddielectric"}
+PARTNERS = {
+    "roughconductor": "sgtdconductor",
+    "roughdielectric": "sgtddielectric",
+    "roughplastic": "sgtdplastic",
+}
 ORIGINALS = {right: left for left, right in PARTNERS.items()}
+
+# Those of Mitsuba's that have one roughness, where ours may have two.
+ISOTROPIC = ("roughplastic",)
 
 # Materials of Mitsuba without a partner, and why.
 NEVER_EXCHANGED = {
-    "roughplastic": "its base scatters diffusely below the microfacets",
     "principled": "a blend of several lobes",
     "principledthin": "a blend of several lobes",
     "plastic": "smooth",
@@ -208,10 +214,21 @@ def _to_rough(props: Any, folder: Path) -> None:
     if row in numeric_distribution.ROWS:
         _keep_mean_slope(props, folder)
     props.set_plugin_name(ORIGINALS[props.plugin_name()])
+    if props.plugin_name() in ISOTROPIC and (mean := one_roughness(props)) is not None:
+        del props["alpha_u"], props["alpha_v"]
+        props["alpha"] = mean
     for name in (*_OF_DISTRIBUTION, "masking"):
         if name in props:
             del props[name]
     props["distribution"] = nearest_distribution(row, gamma)
+
+
+def one_roughness(properties: Any) -> float | None:
+    """The geometric mean of two roughnesses, which has as many facets to a solid angle along the normal; None if there are not two."""
+    pair = [properties[name] for name in ("alpha_u", "alpha_v") if name in properties]
+    if len(pair) != 2 or not all(isinstance(value, (int, float)) for value in pair):
+        return None
+    return math.sqrt(max(pair[0], 0.0) * max(pair[1], 0.0))
 
 
 def _keep_mean_slope(props: Any, folder: Path) -> None:
