@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use sgtd_core::family::shape::Shape;
 use sgtd_core::family::skewed_t::SkewedT;
 use sgtd_core::profile::cells::{BUCKET, CELL, OCTAVES};
-use sgtd_core::profile::{MixtureProfile, Part, Profile, ProfileCells};
+use sgtd_core::profile::{MixtureProfile, Part, Profile, ProfileCells, TableTail, TabulatedProfile};
 use std::sync::Arc;
 
 /// A reader as renderers have it, in single precision where they have that.
@@ -185,4 +185,21 @@ fn double_precision_has_the_same_cells() {
         assert!(steepest < 1.001 * cells.steepness(), "kind {kind}: {steepest} is steeper than {}", cells.steepness());
         assert!(cells.steepness() < 1e3 * steepest.max(0.1), "kind {kind}: {} is too much", cells.steepness());
     }
+}
+
+/// Two parts with a thousand steps each have more places between steps than there may be cells: they are cells all the same.
+#[test]
+fn parts_with_a_thousand_steps_end() {
+    let mut random = Random::seeded("steps");
+    let mut steps = || -> Arc<dyn Profile> {
+        let slopes: Vec<f64> = (0..1000).map(|k| f64::from(k) * 0.003).collect();
+        let values: Vec<f64> = slopes.iter().map(|_| 10f64.powf(random.between(-200.0, 0.0))).collect();
+        let profile = TabulatedProfile::new(&slopes, &values, TableTail::Cut);
+        Arc::new(profile.unwrap_or_else(|error| panic!("{error}")))
+    };
+    let parts = [(1.0, 1.0), (1.0, 0.37)];
+    let parts = parts.map(|(weight, scale)| Part { weight, scale, profile: steps() }).into();
+    let mixture = MixtureProfile::new(parts).unwrap_or_else(|error| panic!("{error}"));
+    let cells = ProfileCells::new(&mixture);
+    assert!(cells.single().iter().all(|number| !number.is_nan()), "{} cells", cells.count());
 }

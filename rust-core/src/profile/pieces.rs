@@ -30,12 +30,15 @@ const PERMITTED: f64 = 4e-6;
 const FAINT: f64 = 1e-9;
 /// How much more it may be there.
 const FAINT_FACTOR: f64 = 100.0;
-/// Most pieces of a profile that has to be approached; its error grows rather than their number.
+/// Most pieces of a profile that has to be approached, or one between any two of its break points; its error grows rather than their number.
 pub const MOST: usize = 4096;
 /// How often a piece is halved.
 const HALVINGS: usize = 40;
 /// By how much errors grow from one try to the next.
 const COARSER: f64 = 4.0;
+/// And by how much less often pieces are halved: where two parts of a mixture both have a thousand steps, the places between steps are
+/// more than [`MOST`] at any error.
+const LESS_DEEP: usize = 4;
 /// How far below its peak a profile is followed.
 const DEPTH: f64 = 75.0;
 /// `r` times the width of a piece, at least: less is an exponential.
@@ -80,16 +83,16 @@ pub fn pieces(profile: &dyn Profile) -> Vec<Piece> {
     ends.extend(profile.breaks(DEPTH).into_iter().map(|x| x * x).filter(|s| *s > 0.0 && *s < 1e36));
     ends.dedup();
     let peak = greatest(ends.iter().map(|s| profile.f(s.sqrt())));
-    let mut permitted = PERMITTED;
+    let (mut permitted, mut halvings) = (PERMITTED, HALVINGS);
     loop {
         let mut found = Vec::new();
         for pair in ends.windows(2) {
             // just inside: f may have a step at a break point
             let inside = [pair[0].sqrt().next_up().next_up(), pair[1].sqrt().next_down().next_down()];
             let sides = [0, 1].map(|k| (pair[k], profile.f(inside[k]).ln()));
-            divide(profile, sides, (permitted, peak.ln() + FAINT.ln()), HALVINGS, &mut found);
+            divide(profile, sides, (permitted, peak.ln() + FAINT.ln()), halvings, &mut found);
         }
-        if found.len() <= MOST {
+        if found.len() <= MOST || halvings == 0 {
             let end = ends[ends.len() - 1];
             if profile.f(end.sqrt() * 1.0001) == 0.0 {
                 found.push(Piece::empty(end));
@@ -97,6 +100,7 @@ pub fn pieces(profile: &dyn Profile) -> Vec<Piece> {
             return found;
         }
         permitted *= COARSER;
+        halvings = halvings.saturating_sub(LESS_DEEP);
     }
 }
 
@@ -109,7 +113,7 @@ fn divide(
     found: &mut Vec<Piece>,
 ) {
     // the next try is coarser
-    if found.len() > MOST {
+    if found.len() > MOST && depth > 0 {
         return;
     }
     let log_f = |s: f64| profile.f(s.sqrt()).ln();
