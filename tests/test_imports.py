@@ -18,7 +18,7 @@ FLOORS = (
     ("scene",),
     ("compare", "distribution_picture", "named_shape"),
     ("explain", "accuracy", "doctor"),
-    ("microsurface", "inverse"),
+    ("microsurface", "inverse", "fitting"),
     ("cli",),
 )
 

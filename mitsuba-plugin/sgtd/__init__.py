@@ -27,9 +27,10 @@ from typing import TYPE_CHECKING, Any
 from ._core import mitsuba_release as MITSUBA_RELEASE
 
 if TYPE_CHECKING:
+    from .fitting import fit
     from .ndf import Ndf
 
-__all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "register"]
+__all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "fit", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
 
@@ -62,6 +63,8 @@ def __getattr__(name: str) -> Any:
     # Loaded on first use: numpy is not needed to render
     if name == "Ndf":
         return importlib.import_module(".ndf", __name__).Ndf
+    if name == "fit":
+        return importlib.import_module(".fitting", __name__).fit
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
