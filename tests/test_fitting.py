@@ -13,9 +13,12 @@ from sgtd.fitting import fit_measurement, measurement
 from sgtd.fitting.problem import Model
 from sgtd.fitting.rows import ROWS
 
-mi.set_variant("scalar_rgb")
-
 METAL = {"distribution": "gtd", "gamma": 2.2, "p": 1.3, "alpha": 0.22}
+
+
+@pytest.fixture(autouse=True)
+def variant():
+    mi.set_variant("scalar_rgb")
 
 
 def pairs(count, seed=1):
@@ -62,6 +65,7 @@ def lobe_error(found, truth):
 
 @pytest.fixture(scope="module")
 def gtd():
+    mi.set_variant("scalar_rgb")
     return sgtd.fit(*measured(metal(**METAL)), model="gtd", base="none")
 
 
