@@ -52,6 +52,7 @@ bench: $(VENV)/installed
 	$(BIN)/python benches/render.py
 	$(BIN)/python benches/equal_time.py
 	$(BIN)/python benches/effects.py
+	$(BIN)/python benches/gradients.py
 
 gallery: $(VENV)/installed
 	$(BIN)/python benches/gallery.py
