@@ -486,3 +486,57 @@ def test_the_family_has_no_cells(llvm):
     assert not [key for key in params.keys() if key in ("values", "weights", "alphas")]
     assert "rows = " not in str(sc.load(gamma=1.8)) and "rows = 15" in str(sc.load(**PLUGIN["measured"]))
     assert listed([0.5, 1]) == "0.5 1.0"
+
+
+# -- derivatives
+
+
+def _moved(name, group, index, step):
+    """The distribution with one number moved, at the roughness and the knee that it had."""
+    ndf = ndf_of(name)
+    if name in TABLES:
+        values = np.array(TABLES[name]["values"], float)
+        values[index] *= np.exp(step)
+        return Ndf.tabulated(
+            **{**TABLES[name], "values": values, "knee": ndf.table.knee}, alpha=ndf.alpha_u, accuracy=0
+        )
+    parts = [(weight, dict(member)) for weight, member in MIXTURES[name]]
+    if group == "weights":
+        parts[index] = (parts[index][0] * np.exp(step), parts[index][1])
+    else:
+        parts[index][1]["alpha"] *= np.exp(step)
+    return Ndf.mixture([(weight, Ndf(**member)) for weight, member in parts], alpha=ndf.alpha_u, accuracy=0)
+
+
+@pytest.mark.parametrize("name", PLUGIN)
+def test_arrays_follow_their_numbers(name):
+    """Derivatives by values, weights and alphas against differences; off the nodes, where they jump."""
+    ndf = ndf_of(name)
+    rng = np.random.default_rng(11)
+    w = sc.uniform_directions(rng, 400)
+    slope = np.hypot(w[:, 0], w[:, 1]) / w[:, 2]
+    nodes = ndf.table.slopes if name in TABLES else np.array([1e9])
+    w = w[np.abs(np.log(slope[:, None] / np.maximum(nodes, 1e-9))).min(axis=1) > 2e-3].reshape(-1, 1, 3)
+    step = 1e-4
+    for quantity in ("d", "lambda"):
+        of = (lambda n: n.d(w)) if quantity == "d" else (lambda n: n.lambda_(w))
+        scale = of(ndf) + 1e-9
+        for group, by in ndf.gradient(quantity, w).items():
+            assert by.shape == (len(w), 1, by.shape[-1])
+            if name in TABLES:
+                given = TABLES[name]["values"]
+            else:
+                given = [weight if group == "weights" else member["alpha"] for weight, member in MIXTURES[name]]
+            for index in range(0, by.shape[-1], max(1, by.shape[-1] // 8)):
+                low, high = (of(_moved(name, group, index, x * step)) for x in (-1.0, 1.0))
+                exact = (high - low) / (2 * step) / scale
+                got = by[..., index] * given[index] / scale
+                assert np.linalg.norm(got - exact) < 1e-5 * np.linalg.norm(exact) + 1e-6, (quantity, group, index)
+    with pytest.raises(ValueError, match="normalization"):
+        ndf.gradient("normalization")
+
+
+def test_derivatives_by_zero_are_zero():
+    ring = ndf_of("ring")
+    by = ring.gradient("d", slope_normals(np.linspace(0.01, 1.1, 50)))["values"]
+    assert (by[:, np.asarray(TABLES["ring"]["values"]) == 0.0] == 0.0).all() and np.isfinite(by).all()

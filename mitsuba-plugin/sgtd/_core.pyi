@@ -190,6 +190,15 @@ class Ndf:
         (bytes, error of E that was measured) of the table of what single scattering loses.
         """
 
+    @property
+    def count_of_numbers(self) -> int:
+        """Values of a table, or weights and then roughnesses of a mixture."""
+
+    def by_numbers(self, quantity: str, alpha_u: float, alpha_v: float, w: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+        """
+        Derivatives of "d" or "lambda" by the logarithms of all numbers, a row for each direction.
+        """
+
     def eval(self, query: str, alpha_u: float, alpha_v: float, first: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)], second: Annotated[NDArray[numpy.float64], dict(order='C', device='cpu', writable=False)] | None = None) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
         """A function of the core's table of queries over arrays, by its name."""
 

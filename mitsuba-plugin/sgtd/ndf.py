@@ -398,13 +398,17 @@ class Ndf:
         return normals.reshape((*shape, 3)), pdf.reshape(shape)
 
     def gradient(self, quantity: str, w: ArrayLike | None = None) -> dict[str, Array]:
-        """Derivatives of a quantity by the parameters of the shape, at a fixed roughness.
+        """Derivatives of a quantity by the parameters of the shape, at a fixed roughness: see below for those of a table or a mixture.
 
         ``quantity`` is ``"d"`` (of normals ``w``), ``"lambda"`` (of directions ``w``) or ``"normalization"`` (A, without ``w``).
         The result has an array (...) for each of ``gamma``, ``inv_gamma`` (1/gamma, which has a derivative at gamma = inf), ``p``,
         ``lam`` and ``shift``. Derivatives of A and Lambda are computed under the integral on every call, whatever the accuracy, to 1e-9 of the
         greater of the derivative and the quantity; those by ``shift`` at 0 are one-sided. At a cusp of f (w at the shift, p <= 1/2), where there may be
         none, D is given those of A alone.
+
+        A table has ``"d"`` and ``"lambda"`` by its ``values``, an array (..., number of values); a value of 0 stays 0, its derivative is given as 0, and the
+        knee is held. A mixture has them by ``weights`` and ``alphas`` of its parts, (..., number of parts) each. Only proportions of values and of weights
+        count, and at a fixed roughness only those of ``alphas``.
         """
         queries = {"d": "d_gradient", "lambda": "lambda_gradient", "normalization": "normalization_gradient"}
         name = str(quantity).lower()
@@ -417,12 +421,30 @@ class Ndf:
         if (w is None) != (name == "normalization"):
             raise ValueError(f"w: {'directions are missing' if w is None else 'the normalization takes no directions'}")
         directions = _directions("w", (0.0, 0.0, 1.0) if w is None else w)
+        if not self._radial.is_family:
+            return self._by_numbers(name, directions)
         values = self._core.eval(queries[name], *self._stretch, directions).reshape((*directions.shape[:-1], 4))
         if name == "normalization":
             values = values * self.normalization
         inverse, p, lam, shift = np.moveaxis(values, -1, 0)
         # 1/gamma^2 is 0 at infinity
         return {"gamma": -inverse / self.gamma**2, "inv_gamma": inverse, "p": p, "lam": lam, "shift": shift}
+
+    def _by_numbers(self, quantity: str, w: Array) -> dict[str, Array]:
+        """From derivatives by logarithms to those by the numbers of a table or a mixture."""
+        if quantity == "normalization":
+            raise ValueError(
+                f'distribution "{self._row}" has no derivatives of its normalization, as f is normalized by the greatest value: choose d or lambda'
+            )
+        count = self._core.count_of_numbers
+        by = self._core.by_numbers(quantity, *self._stretch, w).reshape((*w.shape[:-1], count))
+        if self._row == "tabulated":
+            values = self._given["values"]
+            return {"values": np.divide(by, values, out=np.zeros_like(by), where=values > 0.0)}
+        members = self._given["parts"]
+        by_weight, by_alpha = np.split(by, 2, axis=-1)
+        weights, alphas = np.transpose([(weight, ndf.alpha_u) for weight, ndf in members])
+        return {"weights": by_weight / weights, "alphas": by_alpha / alphas}
 
     def profile(self, x: ArrayLike) -> Array:
         """f at stretched radial slopes ``x`` >= 0 of any shape: 1 at the shift."""

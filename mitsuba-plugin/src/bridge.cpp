@@ -375,6 +375,31 @@ Gradient Ndf::gradient() const {
     });
 }
 
+NumbersGradient Ndf::numbers_gradient(bool precise) const {
+    return checked([&] {
+        rust::Box<sgtd::NumbersTable> core = sgtd::new_numbers_table(*m_impl->core, precise);
+        sgtd::NumbersHeader header         = core->numbers_header();
+        rust::Slice<const float> flat      = core->flat();
+        NumbersGradient result;
+        result.columns       = header.columns;
+        result.cells_of_h    = header.cells_of_h;
+        result.cells_of_f    = header.cells_of_f;
+        result.first         = header.first;
+        result.first_precise = header.first_precise;
+        result.matrix.assign(flat.begin(), flat.end());
+        return result;
+    });
+}
+
+size_t Ndf::count_of_numbers() const { return m_impl->core->count_of_numbers(); }
+
+void Ndf::by_numbers(std::string_view quantity, double alpha_u, double alpha_v, In w,
+                     Out out) const {
+    checked([&] {
+        m_impl->core->by_numbers(to_core(quantity), alpha_u, alpha_v, to_core(w), to_core(out));
+    });
+}
+
 double Ndf::d(double alpha_u, double alpha_v, const Vec3 &m) const {
     return m_impl->core->d(alpha_u, alpha_v, to_core(m));
 }

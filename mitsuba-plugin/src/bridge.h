@@ -214,6 +214,16 @@ struct Gradient {
     std::vector<float> table;
 };
 
+/// Derivatives by the logarithms of the numbers of a table or a mixture: a matrix, a column for
+/// each number, that gives the changes of all tables. `masking::NumbersTable` of the core says what
+/// its rows are, in blocks of four.
+struct NumbersGradient {
+    size_t columns, cells_of_h, cells_of_f;
+    /// The cells of f in which 0 is, in single and in double precision
+    size_t first, first_precise;
+    std::vector<float> matrix;
+};
+
 /// Shape of a named row; parameters that were left out take their defaults.
 RowShape shape_of_row(std::string_view row, std::optional<double> gamma, std::optional<double> p,
                       std::optional<double> lambda, std::optional<double> shift);
@@ -310,6 +320,15 @@ public:
 
     /// Made anew on every call. Throws for what is not of the family.
     Gradient gradient() const;
+
+    /// The same for a table or a mixture; `precise` asks for what double precision reads as well.
+    NumbersGradient numbers_gradient(bool precise) const;
+
+    /// Derivatives of "d" or "lambda" of packed directions by the logarithms of all numbers, and
+    /// how many these are: the values of a table; the weights, then the roughnesses of a mixture.
+    size_t count_of_numbers() const;
+    void by_numbers(std::string_view quantity, double alpha_u, double alpha_v,
+                    Slice<const double> w, Slice<double> out) const;
 
     double d(double alpha_u, double alpha_v, const Vec3 &m) const;
     double projected_area(double alpha_u, double alpha_v, const Vec3 &w) const;

@@ -236,6 +236,22 @@ NB_MODULE(_core, m) {
             },
             "correlated"_a, "alpha_u"_a = nb::none(), "alpha_v"_a = nb::none(),
             "(bytes, error of E that was measured) of the table of what single scattering loses.")
+        .def_prop_ro("count_of_numbers", &Ndf::count_of_numbers,
+                     "Values of a table, or weights and then roughnesses of a mixture.")
+        .def(
+            "by_numbers",
+            [](const Ndf &ndf, std::string_view quantity, double alpha_u, double alpha_v,
+               const Array &w) {
+                Output result(ndf.count_of_numbers() * (w.size() / 3));
+                {
+                    nb::gil_scoped_release unlocked;
+                    ndf.by_numbers(quantity, alpha_u, alpha_v, in(w), result.out());
+                }
+                return result.release();
+            },
+            "quantity"_a, "alpha_u"_a, "alpha_v"_a, "w"_a,
+            "Derivatives of \"d\" or \"lambda\" by the logarithms of all numbers, a row for each "
+            "direction.")
         .def(
             "eval",
             [](const Ndf &ndf, std::string_view query, double alpha_u, double alpha_v,

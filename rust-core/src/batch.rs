@@ -204,6 +204,40 @@ impl Query {
     }
 }
 
+/// Derivatives of D (`d`) or Λ (`lambda`) of packed directions by the logarithms of the numbers of a table or a mixture, a row of them for each
+/// direction.
+///
+/// # Errors
+/// A member of the family; another quantity; an array of results that does not fit.
+pub fn by_numbers(
+    ndf: &Ndf,
+    quantity: &str,
+    alpha: Roughness,
+    w: &[f64],
+    out: &mut [f64],
+) -> Result<(), ParameterError> {
+    let of: fn(&Ndf, Roughness, DVec3) -> Option<Vec<f64>> = match quantity {
+        "d" => Ndf::d_by_numbers,
+        "lambda" => Ndf::lambda_by_numbers,
+        _ => {
+            return Err(ParameterError::UnknownName {
+                name: "quantity",
+                given: quantity.to_owned(),
+                known: "d, lambda",
+            });
+        }
+    };
+    let columns = ndf.numbers_gradient().ok_or(ParameterError::NoNumbers)?.count();
+    let expected = w.len() / 3 * columns;
+    if out.len() != expected {
+        return Err(ParameterError::Length { name: "results", found: out.len(), expected });
+    }
+    out.par_chunks_mut(columns).zip(w.par_chunks_exact(3)).with_min_len(16).for_each(|(out, w)| {
+        out.copy_from_slice(&of(ndf, alpha, DVec3::from_slice(w)).unwrap_or_else(|| vec![0.0; columns]));
+    });
+    Ok(())
+}
+
 fn direction(packed: &[f64], row: usize) -> DVec3 {
     DVec3::from_slice(&packed[3 * row..3 * row + 3])
 }

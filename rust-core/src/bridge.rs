@@ -8,8 +8,8 @@ use crate::batch::{self, Query};
 use crate::error::ParameterError;
 use crate::family::shape::{Row, Shape};
 use crate::family::tree::Node as CoreNode;
-use crate::masking::GradientTable as CoreGradientTable;
 use crate::masking::table::ENTRIES;
+use crate::masking::{GradientTable as CoreGradientTable, NumbersGradient, NumbersTable as CoreNumbersTable};
 use crate::ndf::{INVALID, Ndf as CoreNdf, NormalSample as CoreSample, Normals as CoreNormals, Roughness, Shadowing};
 use crate::profile::{Coordinate, ProfileCells, TabulatedProfile};
 use crate::radial::{self, Kind as CoreKind, Radial as CoreRadial};
@@ -129,6 +129,16 @@ mod ffi {
         by_odds: bool,
     }
 
+    /// What a reader of a matrix of derivatives by numbers has to know: see `masking::NumbersTable`. The two last are the numbers of the cells of f in
+    /// which 0 is.
+    struct NumbersHeader {
+        columns: usize,
+        cells_of_h: usize,
+        cells_of_f: usize,
+        first: usize,
+        first_precise: usize,
+    }
+
     /// What else a reader of the tables has to know.
     struct TableHeader {
         scale: f64,
@@ -211,6 +221,7 @@ mod ffi {
         type Ndf;
         type AlbedoTable;
         type GradientTable;
+        type NumbersTable;
         type InterfaceTable;
 
         fn radial_of_shape(shape: [f64; 4]) -> Result<Box<Radial>>;
@@ -251,6 +262,13 @@ mod ffi {
         fn new_gradient_table(ndf: &Ndf) -> Result<Box<GradientTable>>;
         fn log_normalization(self: &GradientTable) -> [f64; 4];
         fn flat(self: &GradientTable) -> &[f32];
+
+        fn new_numbers_table(ndf: &Ndf, precise: bool) -> Result<Box<NumbersTable>>;
+        fn numbers_header(self: &NumbersTable) -> NumbersHeader;
+        fn flat(self: &NumbersTable) -> &[f32];
+        fn count_of_numbers(self: &Ndf) -> usize;
+        fn by_numbers(self: &Ndf, quantity: &str, alpha_u: f64, alpha_v: f64, w: &[f64], out: &mut [f64])
+        -> Result<()>;
 
         fn numbers(self: &Ndf) -> Numbers;
         fn header(self: &Ndf) -> TableHeader;
@@ -322,8 +340,8 @@ mod ffi {
 }
 
 use ffi::{
-    AlbedoHeader, Given, InterfaceHeader, Kind, Node, NormalSample, Normals, Numbers, Reflected, ReflectedAndSample,
-    Reflection, ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
+    AlbedoHeader, Given, InterfaceHeader, Kind, Node, NormalSample, Normals, Numbers, NumbersHeader, Reflected,
+    ReflectedAndSample, Reflection, ReflectionSample, RowShape, TableEnds, TableHeader, TableSource, Vec3,
 };
 
 mod microsurface;
@@ -611,6 +629,35 @@ impl GradientTable {
     }
 }
 
+/// The opaque matrix of derivatives that C++ holds, and the first cells of f.
+pub struct NumbersTable {
+    table: CoreNumbersTable,
+    first: [usize; 2],
+}
+
+fn new_numbers_table(ndf: &Ndf, precise: bool) -> Result<Box<NumbersTable>, ParameterError> {
+    let cells = ndf.profile_cells().ok_or(ParameterError::NoNumbers)?;
+    let table = ndf.core.numbers_table(cells, precise).ok_or(ParameterError::NoNumbers)?;
+    let first = [cells.first(true), if precise { cells.first(false) } else { 0 }];
+    Ok(Box::new(NumbersTable { table, first }))
+}
+
+impl NumbersTable {
+    fn numbers_header(&self) -> NumbersHeader {
+        NumbersHeader {
+            columns: self.table.columns(),
+            cells_of_h: self.table.cells_of_h(),
+            cells_of_f: self.table.cells_of_f(),
+            first: self.first[0],
+            first_precise: self.first[1],
+        }
+    }
+
+    fn flat(&self) -> &[f32] {
+        self.table.flat()
+    }
+}
+
 fn first_of_wrong_length(w: &[f64], tolerance: f64) -> usize {
     threads::run(w.len() / 3, || batch::first_of_wrong_length(w, tolerance))
 }
@@ -707,6 +754,23 @@ impl Ndf {
     fn reflection(&self, view: &Reflection) -> Option<CoreReflection<'_>> {
         let alpha = Roughness { u: view.alpha_u, v: view.alpha_v };
         CoreReflection::new(&self.core, alpha, shadowing(view.correlated), (&view.wi).into(), view.normals.into())
+    }
+
+    /// 0 for a member of the family.
+    fn count_of_numbers(&self) -> usize {
+        self.core.numbers_gradient().map_or(0, NumbersGradient::count)
+    }
+
+    fn by_numbers(
+        &self,
+        quantity: &str,
+        alpha_u: f64,
+        alpha_v: f64,
+        w: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), ParameterError> {
+        let alpha = Roughness::new(alpha_u, alpha_v)?;
+        threads::run(usize::MAX, || batch::by_numbers(&self.core, quantity, alpha, w, out))
     }
 
     fn eval_batch(

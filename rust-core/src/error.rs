@@ -59,6 +59,9 @@ pub enum ParameterError {
     /// Derivatives by the shape of something that has none.
     #[error("the distribution is not of the family, so it has no derivatives by gamma, p, lambda and shift")]
     NoGradient,
+    /// Derivatives by numbers of what has none.
+    #[error("the distribution is of the family, so it has no values or weights that derivatives could be taken by")]
+    NoNumbers,
     /// No such row.
     #[error("distribution \"{given}\" is unknown: choose one of {known}")]
     UnknownRow {

@@ -18,11 +18,12 @@
 //! ```
 
 use crate::error::{ParameterError, require};
+use crate::masking::numbers_gradient::log_slope;
 use crate::masking::table::{FINEST_SINGLE, LambdaTable};
-use crate::masking::{GradientTable, MaskingGradient, MaskingIntegral, Rule};
+use crate::masking::{GradientTable, MaskingGradient, MaskingIntegral, NumbersGradient, NumbersTable, Rule};
 use crate::numerics::greatest;
 use crate::profile::derivatives::PARAMETERS;
-use crate::profile::{Coordinate, Profile};
+use crate::profile::{Coordinate, Profile, ProfileCells};
 use crate::sampling::azimuth::Azimuth;
 use crate::sampling::bounded::Horizon;
 use crate::sampling::coordinate;
@@ -97,6 +98,7 @@ pub struct Ndf {
     factor: f64,
     /// made when derivatives are first asked for
     gradient: OnceLock<Option<MaskingGradient>>,
+    numbers_gradient: OnceLock<Option<NumbersGradient>>,
 }
 
 /// A direction in stretched slope space, at any length: masking and sampling depend on ratios alone.
@@ -186,6 +188,7 @@ impl Ndf {
             accuracy,
             factor,
             gradient: OnceLock::new(),
+            numbers_gradient: OnceLock::new(),
         })
     }
 
@@ -272,6 +275,48 @@ impl Ndf {
         // a table shows less than a finer rule would find
         let gradient = MaskingGradient::new(profile, Rule::TABLE)?;
         Some(GradientTable::new(profile, &gradient, &self.lambda_table))
+    }
+
+    /// How all follows the numbers of a table or a mixture; `None` for a member of the family.
+    pub fn numbers_gradient(&self) -> Option<&NumbersGradient> {
+        let make = || NumbersGradient::new(self.profile.as_ref(), Rule::REFERENCE);
+        self.numbers_gradient.get_or_init(make).as_ref()
+    }
+
+    /// `∂D/∂ ln` of each number of a table or a mixture (see [`NumbersGradient`]), at a fixed roughness and normal.
+    pub fn d_by_numbers(&self, alpha: Roughness, m: DVec3) -> Option<Vec<f64>> {
+        let gradient = self.numbers_gradient()?;
+        let (d, x) = (self.d(alpha, m), norm(m.x / alpha.u, m.y / alpha.v) / m.z);
+        if d == 0.0 {
+            return Some(vec![0.0; gradient.count()]);
+        }
+        let profile = self.profile.as_ref();
+        // a mean slope that grows is a roughness that shrinks
+        let by_roughness = -2.0 - log_slope(profile, x);
+        let by = gradient.log_density(profile, x);
+        Some(by.iter().zip(gradient.log_mean()).map(|(by, mean)| d * (by - mean * by_roughness)).collect())
+    }
+
+    /// `∂Λ/∂ ln` of each number, at a fixed roughness and direction, by quadrature; 0 below the horizon.
+    pub fn lambda_by_numbers(&self, alpha: Roughness, w: DVec3) -> Option<Vec<f64>> {
+        let gradient = self.numbers_gradient()?;
+        let across = Stretched::new(alpha, w).across;
+        if w.z <= 0.0 || across == 0.0 {
+            return Some(vec![0.0; gradient.count()]);
+        }
+        let (profile, a) = (self.profile.as_ref(), w.z / across);
+        // Λ = H(a)/a with an a that shrinks like the roughness grows
+        let (at, by) = gradient.at(profile, a);
+        let by_roughness = at.h + a * at.s;
+        Some(by.iter().zip(gradient.log_mean()).map(|(by, mean)| (by.h - mean * by_roughness) / a).collect())
+    }
+
+    /// The derivatives by the numbers of a table or a mixture in the form that single-precision renderers read; `precise` adds
+    /// those of f in double precision. `None` for a member of the family.
+    pub fn numbers_table(&self, cells: &ProfileCells, precise: bool) -> Option<NumbersTable> {
+        let profile = self.profile.as_ref();
+        let gradient = NumbersGradient::new(profile, Rule::TABLE)?;
+        Some(NumbersTable::new(profile, &gradient, &self.lambda_table, cells, precise))
     }
 
     /// `D(m) = A f(x) / (π σx σy cos⁴θ_m)`; 0 for m at or below the horizon.

@@ -85,7 +85,8 @@ impl Radial {
     fn of_table(table: TabulatedProfile) -> Self {
         let nodes = table.nodes().flat_map(|(x, f)| [x, f]);
         let numbers = [table.width(), table.knee(), table.tail_power().unwrap_or(0.0)].into_iter().chain(nodes);
-        let key = key(b't', numbers);
+        // what was given in another way has other derivatives
+        let key = key(b't', table.given_as().into_iter().chain(numbers));
         let table = Arc::new(table);
         Self {
             key,

@@ -7,14 +7,12 @@
 //! The differentiation is under the integral, as `Term` describes it: the kernels are w, w′, v and v′.
 
 use crate::masking::integral::{Rule, panel_edges};
-use crate::masking::smith_kernel::bracket;
+use crate::masking::smith_kernel::{bracket, far_series};
 use crate::numerics::quadrature::gauss;
 use crate::profile::derivatives::{Derivatives, PARAMETERS, Term};
 use crate::profile::{Masking, Profile, Tail};
-use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
+use std::f64::consts::FRAC_2_PI;
 
-/// Terms of the kernels' series in (q/ρ)²; they are used for q < ρ/2, where the first one left out is 2e-16.
-const TERMS: usize = 24;
 /// From this fraction of the last edge on a power tail is followed by its law.
 const FAR: f64 = 2.0;
 
@@ -228,7 +226,7 @@ impl End {
         let ratio = q / self.from;
         let mass = self.height * self.from * self.from * self.from;
         // `Σ c_j (q/ρ)^j` against `t^(−1−e) (α − falls ln t)` gives `c_j ratio^j (α/n − falls/n²)`, n = e + j
-        let mut add = |j: usize, power: f64, [w, w_slope, v, v_slope]: [f64; 4]| {
+        far_series(ratio, |j, power, [w, w_slope, v, v_slope]| {
             let n = self.excess + j as f64;
             sums.value.h += mass * power * w / n;
             sums.value.s += mass * power * v / self.from / (n + 1.0);
@@ -239,22 +237,7 @@ impl End {
                 by.s +=
                     mass / self.from * power * (v * integral(n + 1.0) + v_slope * self.beta_integral(k, beta, n + 1.0));
             }
-        };
-        // in units of ρ², ρ, ρ and 1: w = 1 − πx/2 + Σ a_k x^(2k+2)/(2k+2), w′ = w/ρ + √(1−x²),
-        // v = π/2 − Σ a_k x^(2k+1), v′ = v/ρ + x/√(1−x²), with x = q/ρ
-        add(0, 1.0, [1.0, 2.0, FRAC_PI_2, FRAC_PI_2]);
-        add(1, ratio, [-FRAC_PI_2, -FRAC_PI_2, 0.0, 0.0]);
-        let (mut binomial, mut power) = (1.0, ratio);
-        for k in 0..TERMS {
-            let k2 = 2.0 * k as f64;
-            let a = binomial / (k2 + 1.0);
-            add(2 * k + 1, power, [0.0, 0.0, -a, binomial - a]);
-            // √(1−x²) = 1 − Σ binomial_(k) x^(2k+2)/(2k+2)
-            let w = a / (k2 + 2.0);
-            add(2 * k + 2, power * ratio, [w, w - binomial / (k2 + 2.0), 0.0, 0.0]);
-            binomial *= (k2 + 1.0) / (k2 + 2.0);
-            power *= ratio * ratio;
-        }
+        });
     }
 }
 

@@ -5,8 +5,8 @@
 use crate::masking::gradient::MaskingGradient;
 use crate::masking::table::LambdaTable;
 use crate::numerics::hermite;
-use crate::profile::Profile;
 use crate::profile::derivatives::PARAMETERS;
+use crate::profile::{Masking, Profile};
 
 /// ∂H/∂θ tabulated for 1/γ, p, λ and m.
 #[derive(Debug, Clone)]
@@ -19,22 +19,8 @@ pub struct GradientTable {
 impl GradientTable {
     /// Tabulates the derivatives over the cells of `table`.
     pub fn new(profile: &dyn Profile, gradient: &MaskingGradient, table: &LambdaTable) -> Self {
-        let cells = table.cells();
-        let mut flat = Vec::with_capacity(4 * PARAMETERS * cells.len());
-        let at = |q: f64| gradient.at(profile, q).1;
-        let mut left = at(0.0);
-        for (from, to) in cells {
-            if to.is_infinite() {
-                flat.extend(left.iter().flat_map(|by| [by.h as f32, 0.0, 0.0, 0.0]));
-                break;
-            }
-            let right = at(to);
-            for (left, right) in left.iter().zip(&right) {
-                let cubic = hermite::cubic([left.h, -left.s], [right.h, -right.s], to - from);
-                flat.extend(cubic.map(|c| c as f32));
-            }
-            left = right;
-        }
+        let cubics = cubics(table, |q| gradient.at(profile, q).1);
+        let flat = cubics.iter().flatten().map(|&c| c as f32).collect();
         Self { flat, log_normalization: gradient.log_normalization() }
     }
 
@@ -47,4 +33,23 @@ impl GradientTable {
     pub fn log_normalization(&self) -> [f64; PARAMETERS] {
         self.log_normalization
     }
+}
+
+/// Derivatives of H by some parameters over the cells of H: a cubic for each parameter, cell after cell.
+pub(super) fn cubics<V: AsRef<[Masking]>>(table: &LambdaTable, at: impl Fn(f64) -> V) -> Vec<[f64; 4]> {
+    let cells = table.cells();
+    let mut left = at(0.0);
+    let mut cubics = Vec::with_capacity(left.as_ref().len() * cells.len());
+    for (from, to) in cells {
+        if to.is_infinite() {
+            cubics.extend(left.as_ref().iter().map(|by| [by.h, 0.0, 0.0, 0.0]));
+            break;
+        }
+        let right = at(to);
+        for (left, right) in left.as_ref().iter().zip(right.as_ref()) {
+            cubics.push(hermite::cubic([left.h, -left.s], [right.h, -right.s], to - from));
+        }
+        left = right;
+    }
+    cubics
 }

@@ -11,6 +11,7 @@
 use crate::numerics::greatest;
 use crate::profile::Profile;
 use crate::profile::pieces::{Piece, pieces};
+use std::f64::consts::LN_2;
 use std::sync::OnceLock;
 
 /// Octaves of each list: all exponents of a float, so that none needs a check.
@@ -58,6 +59,29 @@ struct Cell {
     numbers: [f64; CELL],
 }
 
+/// Where a cell over s is, and its t = 1 + (s − anchor) rate; the last one has no end.
+#[derive(Debug, Clone, Copy)]
+pub struct Span {
+    /// Where it begins.
+    pub start: f64,
+    /// And ends.
+    pub end: Option<f64>,
+    anchor: f64,
+    rate: f64,
+}
+
+impl Span {
+    /// log₂ t at s.
+    pub fn log_t(&self, s: f64) -> f64 {
+        ((s - self.anchor) * self.rate).max(-1.0).ln_1p() / LN_2
+    }
+
+    /// s with a given log₂ t.
+    pub fn square(&self, log_t: f64) -> f64 {
+        self.anchor + (log_t * LN_2).exp_m1() / self.rate
+    }
+}
+
 impl ProfileCells {
     /// Tabulates a profile.
     pub fn new(profile: &dyn Profile) -> Self {
@@ -82,6 +106,26 @@ impl ProfileCells {
     /// The same in double precision, where integers are numbers; the bits of an argument are those of the float below it.
     pub fn double(&self) -> &[f64] {
         self.double.get_or_init(|| flat(&self.cells, |x| x).0.iter().map(|number| number.double()).collect())
+    }
+
+    /// The cells over s in their order, in single or in double precision.
+    pub fn spans(&self, single: bool) -> Vec<Span> {
+        let round = |x: f64| if single { f64::from(x as f32) } else { x };
+        let kept = List::kept(&self.cells, |cell| round(cell.start));
+        let end = |k: usize| kept.get(k + 1).map(|next| next.0);
+        let span = |(k, &(start, numbers)): (usize, &(f64, [f64; CELL]))| Span {
+            start,
+            end: end(k),
+            anchor: round(numbers[0]),
+            rate: round(numbers[1]),
+        };
+        kept.iter().enumerate().map(span).collect()
+    }
+
+    /// The number of the first of them in the table: that in which 0 is.
+    pub fn first(&self, single: bool) -> usize {
+        let whole = |k: usize| if single { self.single[k].to_bits() } else { self.double()[k] as u32 };
+        whole(BUCKET * (whole(0) >> 5) as usize) as usize
     }
 
     /// Greatest |d ln f / d ln x| where f is above 1e-7 of its peak.
@@ -159,7 +203,7 @@ fn cell(profile: &dyn Profile, piece: &Piece, [start, end]: [f64; 2], above: boo
         if (from_ends / exact - 1.0).abs() < 1e-3 { from_ends } else { exact }
     };
     let inverse = |x: f64| if x == 0.0 { 0.0 } else { 1.0 / x };
-    let log_f = if empty { NOTHING } else { (anchored.log_f / std::f64::consts::LN_2).max(NOTHING) };
+    let log_f = if empty { NOTHING } else { (anchored.log_f / LN_2).max(NOTHING) };
     let numbers = [at, anchored.rate, inverse(anchored.rate), log_f, anchored.exponent, v, m, inverse(m)];
     Cell { start, odds, numbers: numbers.map(|x| x.clamp(-1e37, 1e37)) }
 }
@@ -228,8 +272,14 @@ fn bits(x: f64) -> u32 {
     if f64::from(near) > x { near.next_down().to_bits() } else { near.to_bits() }
 }
 
+/// The float with these bits; infinity above all others.
+fn of_bits(bits: u32) -> f64 {
+    f64::from(f32::from_bits(bits.min(f32::INFINITY.to_bits())))
+}
+
 impl List {
-    fn new(cells: &[Cell], coordinate: impl Fn(&Cell) -> f64) -> Self {
+    /// The cells that are told apart, and where they begin.
+    fn kept(cells: &[Cell], coordinate: impl Fn(&Cell) -> f64) -> Vec<(f64, [f64; CELL])> {
         // the last of those that begin at the same number; the first one begins at 0
         let mut kept: Vec<(f64, [f64; CELL])> = Vec::with_capacity(cells.len());
         for cell in cells {
@@ -240,6 +290,11 @@ impl List {
             }
         }
         Self::thin_out(&mut kept);
+        kept
+    }
+
+    fn new(cells: &[Cell], coordinate: impl Fn(&Cell) -> f64) -> Self {
+        let kept = Self::kept(cells, coordinate);
         let starts: Vec<f64> = kept.iter().map(|cell| cell.0).collect();
         let mut octaves = Vec::with_capacity(OCTAVES);
         let mut buckets: Vec<(u32, [f64; BUCKET - 1])> = Vec::new();
@@ -256,10 +311,9 @@ impl List {
             }
             let depth = (0..=FINEST).find(|&depth| fits(&starts[inside.clone()], depth)).unwrap_or(FINEST);
             let (width, first) = (1 << (MANTISSA - depth), buckets.len() as u32);
-            let value = |bits: u32| f64::from(f32::from_bits(bits.min(f32::INFINITY.to_bits())));
             let mut from = inside.start;
             for k in 0..1u32 << depth {
-                let (left, right) = (value(low + k * width), value(low + (k + 1) * width));
+                let (left, right) = (of_bits(low + k * width), of_bits(low + (k + 1) * width));
                 while from < starts.len() && starts[from] <= left {
                     from += 1;
                 }
@@ -294,8 +348,7 @@ impl List {
 
 /// Indices of the starts between two floats, that at the lower one excluded.
 fn starts_within(starts: &[f64], low: u32, high: u32) -> std::ops::Range<usize> {
-    let value = |bits: u32| f64::from(f32::from_bits(bits.min(f32::INFINITY.to_bits())));
-    let (low, high) = (value(low), value(high));
+    let (low, high) = (of_bits(low), of_bits(high));
     let from = starts.partition_point(|&start| start <= low);
     from..starts.partition_point(|&start| start < high).max(from)
 }

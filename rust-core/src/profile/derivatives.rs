@@ -24,3 +24,20 @@ pub trait Derivatives {
     /// `∂e/∂θ` of a tail `f ∝ x^(−3−e)`.
     fn excess(&self) -> [f64; PARAMETERS];
 }
+
+/// A profile that is interpolated between values at fixed slopes.
+///
+/// In each of its cells two of the values have a part: `∂ ln f/∂ ln v` is `1 − share` for the first and `share` for the second of them, and 0 for all
+/// others. A value of 0 stays 0: it has no logarithm.
+pub trait Values {
+    /// How many values there are.
+    fn count(&self) -> usize;
+    /// The cell that x is in.
+    fn cell_of(&self, x: f64) -> usize;
+    /// The rows of the two values that a cell lies between.
+    fn rows(&self, cell: usize) -> [usize; 2];
+    /// The second one's share at `x = from + past`, seen from a cell.
+    fn share(&self, cell: usize, from: f64, past: f64) -> f64;
+    /// By how much the share grows per e-fold of x where a power tail is exact.
+    fn share_rate_of_tail(&self) -> f64;
+}

@@ -115,6 +115,10 @@ pub trait Profile: Send + Sync {
     fn derivatives(&self) -> Option<&dyn derivatives::Derivatives> {
         None
     }
+    /// How it follows the values that it is interpolated between, if it is.
+    fn values(&self) -> Option<&dyn derivatives::Values> {
+        None
+    }
     /// H and S at q ≥ 0 in closed form, to 1e-12; `None` where there is none, or none that holds this. Masking is then found
     /// by quadrature.
     fn masking(&self, _q: f64) -> Option<Masking> {

@@ -16,7 +16,10 @@
 
 use crate::error::{ParameterError, require};
 use crate::numerics::quadrature::gauss;
+use crate::profile::derivatives::Values;
 use crate::profile::{Coordinate, Piece, Profile, Tail};
+
+mod values;
 
 /// Least and greatest number of nodes.
 pub const NODES: (usize, usize) = (2, 1000);
@@ -136,8 +139,14 @@ pub struct TabulatedProfile {
     above: Vec<f64>,
     knee: f64,
     tail: Option<f64>,
+    /// does the tail have the exponent of the last cell?
+    tail_is_continued: bool,
     width: f64,
     normalization: f64,
+    /// the number of values that were given
+    given: usize,
+    /// was a node at 0 added to them?
+    begins_above_0: bool,
 }
 
 /// `(eᶻ − 1)/z`
@@ -297,6 +306,9 @@ pub(crate) struct Nodes {
     x: Vec<f64>,
     f: Vec<f64>,
     log_f: Vec<f64>,
+    /// the number of values that were given, and whether a node at 0 was added to them
+    given: usize,
+    begins_above_0: bool,
 }
 
 fn row(name: &'static str, row: usize, value: f64, must: &'static str, mend: &'static str) -> ParameterError {
@@ -359,18 +371,20 @@ impl Nodes {
         let count = (last + 2).min(values.len());
         let (mut x, mut f) =
             (slopes[..count].to_vec(), values[..count].iter().map(|&value| share(value)).collect::<Vec<_>>());
-        if x[0] > 0.0 {
+        let begins_above_0 = x[0] > 0.0;
+        if begins_above_0 {
             x.insert(0, 0.0);
             f.insert(0, f[0]);
         }
         let log_f = f.iter().map(|f| f.ln()).collect();
-        Ok(Self { x, f, log_f })
+        Ok(Self { x, f, log_f, given: values.len(), begins_above_0 })
     }
 
     /// Points that are known to be in order.
     pub(crate) fn of_points(x: &[f64], log_f: impl Iterator<Item = f64>) -> Self {
         let log_f: Vec<f64> = log_f.collect();
-        Self { x: x.to_vec(), f: log_f.iter().map(|log| log.exp()).collect(), log_f }
+        let f = log_f.iter().map(|log| log.exp()).collect();
+        Self { x: x.to_vec(), f, log_f, given: x.len(), begins_above_0: false }
     }
 
     /// The slope below which half the normals of D·cos lie, f linear in x² between nodes: 1 for GGX at unit roughness.
@@ -560,7 +574,12 @@ impl TabulatedProfile {
         // neighbors may round to one number when they are divided
         let scaled = cells(width);
         check(&scaled)?;
-        Ok(Self::assemble(scaled, knee / width, exponent, width))
+        Ok(Self {
+            tail_is_continued: tail == TableTail::Power(None) && exponent.is_some(),
+            given: nodes.given,
+            begins_above_0: nodes.begins_above_0,
+            ..Self::assemble(scaled, knee / width, exponent, width)
+        })
     }
 
     /// e of what lies beyond the last node, f ∝ w^(−e); `None` where nothing does.
@@ -593,8 +612,19 @@ impl TabulatedProfile {
 
     fn assemble(cells: Vec<Cell>, knee: f64, tail: Option<f64>, width: f64) -> Self {
         let ends = cells.iter().map(|cell| cell.end).collect();
-        let mut profile =
-            Self { cells, ends, below: Vec::new(), above: Vec::new(), knee, tail, width, normalization: 0.0 };
+        let mut profile = Self {
+            cells,
+            ends,
+            below: Vec::new(),
+            above: Vec::new(),
+            knee,
+            tail,
+            tail_is_continued: false,
+            width,
+            normalization: 0.0,
+            given: 0,
+            begins_above_0: false,
+        };
         let mut sum = 0.0;
         profile.below = std::iter::once(0.0)
             .chain(profile.cells.iter().map(|cell| {
@@ -863,6 +893,10 @@ impl Profile for TabulatedProfile {
 
     fn coordinate(&self) -> Coordinate {
         Coordinate::Odds
+    }
+
+    fn values(&self) -> Option<&dyn Values> {
+        Some(self)
     }
 
     fn pieces(&self) -> Option<Vec<Piece>> {
