@@ -19,6 +19,7 @@ FLOORS = (
     ("compare", "distribution_picture", "named_shape"),
     ("explain", "accuracy", "doctor"),
     ("microsurface", "inverse", "fitting"),
+    ("measured",),
     ("cli",),
 )
 
