@@ -8,8 +8,8 @@ mean masking            G1 of all facets together. For a periodic height field i
 masking by facet        the share that is seen of facets turned away from the light, and of those that face it: in Smith's
                         model both are G1
 single scattering       energy of the first order, separable and height-correlated masking, and where it goes
-multiple scattering     energy of the second order and of all further ones beside the random walk; of both together beside
-                        the lobe, and where it goes
+multiple scattering     energy of the second order and of all further ones beside the random walk, of glass on both sides; of
+                        both together beside the lobe, and where it goes
 ======================  ====================================================================================================
 
 "Where it goes" is the total variation of directions, half the sum of differences of bins over the energy, less what noise alone has.
@@ -76,7 +76,7 @@ class View:
     setup: Setup
     mesh: Measured
     walk: Optional[Measured]
-    """The model's random walk; none for glass."""
+    """The model's random walk, if there is a target."""
     single: dict[tuple[str, str], Scattered]
     """By model (target, mesh) and masking."""
     lobes: dict[str, Scattered]
@@ -118,11 +118,7 @@ def compare(
     progress: Callable[[str, int], Advance] | None = None,
 ) -> Comparison:
     """Measures the surface and its models; ``ndf`` is the target, if it has one."""
-    advance = (
-        progress("walks", walks * len(thetas) * (2 if ndf and material.kind != "dielectric" else 1))
-        if progress
-        else None
-    )
+    advance = progress("walks", walks * len(thetas) * (2 if ndf else 1)) if progress else None
     models: dict[str, SmithModel] = {"mesh": MeshModel(surface)}
     if ndf:
         models["target"] = TargetModel(ndf)
@@ -130,15 +126,15 @@ def compare(
     for theta in thetas:
         setup = Setup(theta, phi, material, bins, walks, seed)
         mesh = measure(surface, setup, advance)
-        walk = measure_model(ndf, setup, advance) if ndf and material.kind != "dielectric" else None
+        walk = measure_model(ndf, setup, advance) if ndf else None
         single = {
             (name, masking): single_scattering(models[name], setup, masking)
             for name in MODELS
             if name in models
             for masking in MASKINGS
         }
-        family = ndf is not None and ndf.distribution not in ("tabulated", "mixture")
-        lobes = {masking: lobe(ndf, setup, masking) for masking in MASKINGS} if ndf and walk and family else {}
+        has_lobe = material.kind != "dielectric" and ndf and ndf.distribution not in ("tabulated", "mixture")
+        lobes = {masking: lobe(ndf, setup, masking) for masking in MASKINGS} if ndf and has_lobe else {}
         g1 = {"mesh": float(surface.g1(setup.wi)), **({"target": float(ndf.g1(setup.wi))} if ndf else {})}
         seen = visible_shares(surface, setup, mesh)
         views.append(
@@ -178,21 +174,27 @@ def _effects(
     for order in range(1, setup.bins.orders):
         facets = f"{order + 1}{' and more' if order == setup.bins.orders - 1 else ''} facets"
         if walk:
-            (value, error), (expected, noise) = first.total(0, order), walk.scattered.total(0, order)
-            found.append(Effect(theta, f"energy, {facets}", "random walk", value, expected, math.hypot(error, noise)))
+            found += [
+                _energy(theta, f"energy, {facets}{side}", first, walk.scattered, hemisphere, order)
+                for side, hemisphere in sides
+            ]
     if walk and setup.bins.orders > 1:
         more = slice(1, None)
+        for side, hemisphere in sides:
+            again = first, walk.scattered, hemisphere, more
+            found.append(_energy(theta, f"energy, 2 and more facets{side}", *again))
+            found.append(_direction(theta, f"directions, 2 and more facets{side}", "random walk", *again))
         value, error = first.total(0, more)
-        expected, noise = walk.scattered.total(0, more)
-        found.append(
-            Effect(theta, "energy, 2 and more facets", "random walk", value, expected, math.hypot(error, noise))
-        )
-        found.append(_direction(theta, "directions, 2 and more facets", "random walk", first, walk.scattered, 0, more))
         for masking, scattered in lobes.items():
             words = f"lobe, {WORDS[masking]}"
             found.append(Effect(theta, "energy, 2 and more facets", words, value, scattered.total(0)[0], error))
             found.append(_direction(theta, "directions, 2 and more facets", words, first, scattered, 0, more))
     return tuple(found)
+
+
+def _energy(theta: float, name: str, first: Scattered, walk: Scattered, hemisphere: int, orders: int | slice) -> Effect:
+    (value, error), (expected, noise) = (x.total(hemisphere, orders) for x in (first, walk))
+    return Effect(theta, name, "random walk", value, expected, math.hypot(error, noise))
 
 
 def _by_facet(seen: tuple[Array, Array, Array]) -> dict[str, tuple[float, float]]:

@@ -31,7 +31,7 @@ def draw_energies(found: Comparison) -> Plot:
         axes.errorbar(
             thetas, totals[:, 0], 3.0 * totals[:, 1], color=color, marker="o", markersize=4, linewidth=1.2, label=label
         )
-        walks = [view.walk.scattered.total(0, order)[0] for view in found.views if view.walk]
+        walks = [view.walk.scattered.total(None, order)[0] for view in found.views if view.walk]
         if walks:
             axes.plot(thetas, walks, color=color, linestyle=":", marker="x", markersize=5)
     for masking, line in (("separable", "--"), ("height_correlated", "-.")):
@@ -124,8 +124,9 @@ def draw_directions(found: Comparison, view: View) -> Plot:
                     dash,
                     f"surface, 2 and more{what}",
                 )
-        if orders > 1 and view.walk:
-            _line(axes, view, view.walk.scattered, 0, slice(1, None), in_plane, ORANGE, "-", "random walk, 2 and more")
+            if orders > 1 and view.walk:
+                walk = f"random walk, 2 and more{what}"
+                _line(axes, view, view.walk.scattered, hemisphere, slice(1, None), in_plane, ORANGE, dash, walk)
         lobe = view.lobes.get("height_correlated")
         if orders > 1 and lobe:
             _line(axes, view, lobe, 0, slice(1, None), in_plane, PURPLE, "-", "lobe, 2 and more")

@@ -186,9 +186,7 @@ def measure(surface: Surface, setup: Setup, advance: Advance = None) -> Measured
 
 
 def measure_model(ndf: Ndf, setup: Setup, advance: Advance = None) -> Measured:
-    """The same on Smith's model of a surface: the random walk of Heitz et al. (2016), for mirrors and metals."""
-    if setup.material.kind == "dielectric":
-        raise UserError("the walk on the model knows mirrors and metals, not glass")
+    """The same on Smith's model of a surface: the random walk of Heitz et al. (2016)."""
     return _measured(setup, lambda watch: _core.measure_model(ndf._core, *ndf.stretch, setup.core, watch), advance)
 
 

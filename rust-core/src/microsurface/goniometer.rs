@@ -76,7 +76,7 @@ impl Setup {
         self.in_chunks(walks, seed, watch, |random, counts| self.walk(tracer, random, counts))
     }
 
-    /// Sends `walks` rays to Smith's model of a surface, by its random walk: for mirrors and metals, glass is taken for a mirror.
+    /// Sends `walks` rays to Smith's model of a surface, by its random walk.
     pub fn measure_model(
         &self,
         model: &RandomWalk<'_>,
@@ -87,17 +87,25 @@ impl Setup {
         self.in_chunks(walks, seed, watch, |random, counts| {
             counts.walks += 1;
             let (mut weight, mut first) = (DVec3::ONE, true);
-            let exit = model.walk(self.wi, &mut || unit(random), |cosine| {
+            let mut facet = |cosine| {
                 if first {
                     counts.first[self.cosine_bin(cosine)] += 1;
                     first = false;
                 }
+                // glass reflects or refracts all of a walk
                 if !matches!(self.material, Material::Dielectric { .. }) {
                     weight *= self.material.reflectance(cosine);
                 }
-            });
+            };
+            let exit = match self.material {
+                Material::Dielectric { eta } => model.walk_dielectric(self.wi, eta, &mut || unit(random), &mut facet),
+                Material::Mirror | Material::Conductor { .. } => model.walk(self.wi, &mut || unit(random), &mut facet),
+            };
             match exit {
-                Some(exit) => self.count(exit.direction, Side::Above, weight, exit.bounces, counts),
+                Some(exit) => {
+                    let side = if exit.direction.z < 0.0 { Side::Below } else { Side::Above };
+                    self.count(exit.direction, side, weight, exit.bounces, counts);
+                }
                 None => counts.lost += 1,
             }
         })

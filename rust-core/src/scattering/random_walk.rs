@@ -5,6 +5,9 @@
 //! −1 − Λ(ω)`), meets a facet that is visible to it, and is reflected; it ends when it leaves upwards. Only `ln C` has to be known, so no
 //! distribution of heights is chosen. Single scattering of this model has height-correlated masking.
 //!
+//! A facet of glass refracts as well. Beyond it, the surface is seen from its other side: turned about the origin it has the same distribution of
+//! normals, and 1 − C in place of C. The walk ends when it leaves on either side.
+//!
 //! Facets are drawn exactly, for any [`Profile`]: from steps above the profile, by rejection. No table of visible normals enters; Λ is that of
 //! the distribution's masking table.
 //!
@@ -27,6 +30,7 @@
 //! # Ok::<(), sgtd_core::error::ParameterError>(())
 //! ```
 
+use super::fresnel::dielectric;
 use crate::ndf::{Ndf, Roughness};
 use crate::numerics::greatest;
 use crate::profile::{Profile, Tail};
@@ -36,7 +40,7 @@ use std::f64::consts::PI;
 /// A walk that left the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exit {
-    /// Where it goes.
+    /// Where it goes: below the horizon if it went through glass.
     pub direction: DVec3,
     /// How many facets it met.
     pub bounces: u32,
@@ -65,7 +69,40 @@ impl<'a> RandomWalk<'a> {
     /// Follows light that arrives from ω_i, ω_i.z > 0; `facet` is told the cosine at every facet. `None` if it does not leave within
     /// 100 000 facets, or finds none.
     pub fn walk(&self, wi: DVec3, random: &mut impl FnMut() -> f64, mut facet: impl FnMut(f64)) -> Option<Exit> {
-        let mut ray = -wi;
+        self.follow(wi, random, |cosine, _, _| {
+            facet(cosine);
+            None
+        })
+    }
+
+    /// Follows light that arrives at glass from ω_i, which is on either side: each facet reflects or refracts it, as Fresnel's equations choose, and
+    /// nothing is absorbed. `eta` is the index below over that above; `facet` is told the cosine at every facet. `None` as in [`Self::walk`].
+    pub fn walk_dielectric(
+        &self,
+        wi: DVec3,
+        eta: f64,
+        random: &mut impl FnMut() -> f64,
+        mut facet: impl FnMut(f64),
+    ) -> Option<Exit> {
+        self.follow(wi, random, |cosine, above, random| {
+            facet(cosine);
+            let ratio = if above { eta } else { 1.0 / eta };
+            let (reflected, beyond) = dielectric(cosine.min(1.0), ratio);
+            (random() >= reflected).then_some((ratio, beyond))
+        })
+    }
+
+    /// `meet` chooses what a facet does that is met at a cosine, from above or not: reflect, or refract into a medium with an index relative to that
+    /// of the ray, at a cosine beyond.
+    fn follow<R: FnMut() -> f64>(
+        &self,
+        wi: DVec3,
+        random: &mut R,
+        mut meet: impl FnMut(f64, bool, &mut R) -> Option<(f64, f64)>,
+    ) -> Option<Exit> {
+        let mut above = wi.z >= 0.0;
+        // below the surface, all is turned about the origin
+        let mut ray = if above { -wi } else { wi };
         // ln C, 0 at the top
         let mut height = 0.0;
         for bounces in 0..MOST_FACETS {
@@ -73,7 +110,7 @@ impl<'a> RandomWalk<'a> {
             if ray.z > 0.0 {
                 let lambda = self.ndf.lambda(self.alpha, ray);
                 if lambda <= 0.0 || height + depth / lambda >= 0.0 {
-                    return Some(Exit { direction: ray, bounces });
+                    return Some(Exit { direction: if above { ray } else { -ray }, bounces });
                 }
                 height += depth / lambda;
             } else {
@@ -82,8 +119,14 @@ impl<'a> RandomWalk<'a> {
             let view = -ray;
             let m = self.visible_normal(view, random)?;
             let cosine = view.dot(m);
-            facet(cosine);
-            ray = (2.0 * cosine * m - view).normalize();
+            ray = if let Some((eta, beyond)) = meet(cosine, above, random) {
+                above = !above;
+                // ln(1 − C); not 0, which is the top itself
+                height = (-f64::exp_m1(height.min(-f64::MIN_POSITIVE))).ln();
+                (view / eta + (beyond - cosine / eta) * m).normalize()
+            } else {
+                (2.0 * cosine * m - view).normalize()
+            };
         }
         None
     }

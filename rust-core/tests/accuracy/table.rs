@@ -119,6 +119,7 @@ pub const TABLE: &[Row] = &[
     total("scattering::albedo_table::AlbedoTable::average_missing_energy", "averages_belong_to_their_tables"),
     total("scattering::random_walk::RandomWalk::new", "walks_leave_and_single_ones_are_correlated_scattering"),
     total("scattering::random_walk::RandomWalk::walk", "walks_leave_and_single_ones_are_correlated_scattering"),
+    total("scattering::random_walk::RandomWalk::walk_dielectric", "single_facets_agree_with_quadrature"),
     total("scattering::random_walk::RandomWalk::visible_normal", "facets_are_seen_from_both_sides"),
     total("sampling::azimuth::Azimuth::new", "solvers_stay_within_their_permitted_error"),
     total("numerics::greatest", "tables_of_nan_do_not_claim_to_be_exact"),
