@@ -20,6 +20,7 @@ FLOORS = (
     ("explain", "accuracy", "doctor"),
     ("microsurface", "inverse", "fitting"),
     ("measured",),
+    ("fit_report",),
     ("cli",),
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,16 @@ def square(x: float, folder: str) -> dict:
     if x < 0:
         raise ValueError(f"{x} has no root")
     return {"square": x * x, "threads": os.environ.get("RAYON_NUM_THREADS")}
+
+
+def fragile(x: float, folder: str) -> float:
+    """Its process dies: every time if x is negative, and the first time if it is 0."""
+    trace = Path(folder) / f"tried {x}"
+    first = not trace.exists()
+    trace.touch()
+    if x < 0 or (x == 0 and first):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x
 
 
 def tasks(folder: Path, numbers) -> list[Task]:
@@ -53,6 +64,21 @@ def test_results_come_once_and_stay(calls, tmp_path):
     # other arguments are another task
     changed = [Task("x=1", f"{__name__}:square", {"x": 7, "folder": str(calls)})]
     assert run(changed, file, workers=1)[0].result["square"] == 49
+
+
+def test_a_killed_process_loses_nothing(calls, tmp_path):
+    todo = [Task(f"x={x}", f"{__name__}:fragile", {"x": x, "folder": str(calls)}) for x in (1, 0, 2, -1, 3)]
+    found = run(todo, tmp_path / "r.jsonl", workers=2)
+    assert [outcome.result for outcome in found] == [1, 0, 2, None, 3]
+    assert "its process was killed" in found[3].error
+    assert len((tmp_path / "r.jsonl").read_text().splitlines()) == 5
+
+
+def test_results_count_as_long_as_they_are_valid(calls, tmp_path):
+    file = tmp_path / "r.jsonl"
+    run(tasks(calls, [1, 2]), file, workers=1)
+    run(tasks(calls, [1, 2]), file, workers=1, still_valid=lambda outcome: outcome.task.key != "x=2")
+    assert [json.loads(line)["key"] for line in file.read_text().splitlines()] == ["x=1", "x=2", "x=2"]
 
 
 def test_tasks_need_names_of_their_own(calls, tmp_path):

@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -51,15 +52,21 @@ def run(
     workers: int | None = None,
     scheduler: str | None = None,
     advance: Advance = None,
+    still_valid: Callable[[Outcome], bool] = lambda _outcome: True,
 ) -> list[Outcome]:
     """Runs what ``file`` does not have yet, and returns all outcomes in the order of the tasks.
 
     ``workers`` are processes of this machine, by default as many as it has cores; ``scheduler`` is the address of a Dask scheduler, whose
-    workers must have this package and see the same files.
+    workers must have this package and see the same files. A result that is there counts only if it is ``still_valid``: its files may be gone.
     """
     if len({task.key for task in tasks}) != len(tasks):
         raise UserError("two tasks have the same key")
-    known = {task.key: outcome for task in tasks if (outcome := _found(task, file)) is not None}
+    lines_of = _results(file)
+    known = {
+        task.key: outcome
+        for task in tasks
+        if (outcome := _found(task, lines_of.get(task.key, ()))) is not None and still_valid(outcome)
+    }
     rest = [task for task in tasks if task.key not in known]
     if advance is not None and known:
         advance(len(known))
@@ -95,9 +102,18 @@ def _read(file: Path) -> Iterator[dict[str, Any]]:
                     continue
 
 
-def _found(task: Task, file: Path) -> Outcome | None:
+def _results(file: Path) -> dict[str, list[dict[str, Any]]]:
+    """Lines with a result, by key."""
+    found: dict[str, list[dict[str, Any]]] = {}
     for line in _read(file):
-        if task.is_in(line) and "result" in line:
+        if isinstance(line, dict) and "result" in line:
+            found.setdefault(str(line.get("key")), []).append(line)
+    return found
+
+
+def _found(task: Task, lines: Iterable[dict[str, Any]]) -> Outcome | None:
+    for line in lines:
+        if task.is_in(line):
             return Outcome(task, line["result"])
     return None
 
@@ -117,12 +133,33 @@ def _one_thread() -> None:
 
 
 def _on_processes(tasks: Sequence[Task], workers: int | None) -> Iterator[Outcome]:
+    """A process that dies takes its pool with it. What was not done goes to a second pool, and if that dies too, each task to one of its own, so
+    that a task which kills its process takes no other with it."""
+    left: list[Task] = []
+    yield from _on_pool(tasks, workers, left)
+    if left:
+        again: list[Task] = []
+        yield from _on_pool(left, workers, again)
+        for task in again:
+            alone: list[Task] = []
+            yield from _on_pool([task], 1, alone)
+            if alone:
+                yield Outcome(task, error="its process was killed; by the system, if memory was short")
+
+
+def _on_pool(tasks: Sequence[Task], workers: int | None, lost: list[Task]) -> Iterator[Outcome]:
+    """``lost`` gets the tasks that were running or waiting when a process died."""
     count = min(workers or os.cpu_count() or 1, len(tasks))
     initializer = _one_thread if count > 1 else None
     with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=initializer) as pool:
         try:
-            futures = {pool.submit(call, task.function, task.arguments): task for task in tasks}
-            yield from _outcomes(futures, as_completed(futures))
+            futures = {}
+            try:
+                for task in tasks:
+                    futures[pool.submit(call, task.function, task.arguments)] = task
+            except BrokenProcessPool:
+                lost.extend(task for task in tasks if task not in futures.values())
+            yield from _outcomes(futures, as_completed(futures), lost)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -144,12 +181,20 @@ def _on_dask(tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
         yield from _outcomes(futures, distributed.as_completed(futures))
 
 
-def _outcomes(futures: dict[Any, Task], done: Iterable[Future[Any]]) -> Iterator[Outcome]:
+def _outcomes(
+    futures: dict[Any, Task], done: Iterable[Future[Any]], lost: list[Task] | None = None
+) -> Iterator[Outcome]:
     for future in done:
         task = futures[future]
         try:
             outcome = Outcome(task, future.result())
             json.dumps(outcome.result, allow_nan=False)
+        except BrokenProcessPool as error:
+            if lost is None:
+                outcome = Outcome(task, error=one_line(error))
+            else:
+                lost.append(task)
+                continue
         except Exception as error:
             outcome = Outcome(task, error=one_line(error))
         yield outcome

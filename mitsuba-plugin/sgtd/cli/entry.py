@@ -11,6 +11,7 @@ from .accuracy import accuracy_command
 from .compare import compare_command
 from .doctor import doctor_command
 from .explain import explain_command
+from .fit import fit_command
 from .gonio import gonio_command
 from .ndf import ndf_command
 from .render import render_command
@@ -61,6 +62,7 @@ for command in (
     gonio_command,
     study_command,
     ndf_command,
+    fit_command,
     doctor_command,
 ):
     cli.add_command(command)

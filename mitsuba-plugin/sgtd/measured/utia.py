@@ -49,7 +49,7 @@ def read(path: Path) -> Source:
     values = np.moveaxis(planes, 0, -1)
     data = measurement(wi, wo, values.reshape(-1, 3), title=path.name, channels=("R", "G", "B"))
     table = values.reshape(POLAR, AZIMUTHS, POLAR, AZIMUTHS, 3)
-    return Source("UTIA", thinned(data), lambda wi, wo: _interpolated(table, wi, wo))
+    return Source("UTIA", thinned(data), lambda wi, wo: _interpolated(table, wi, wo), _STEP)
 
 
 def _interpolated(table: Array, wi: Array, wo: Array) -> Array:

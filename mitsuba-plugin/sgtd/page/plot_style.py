@@ -40,14 +40,16 @@ def new_figure(columns: int = 1) -> Any:
     return figure
 
 
-def finish(name: str, title: str, words: str, figure: Any) -> Plot:
-    """Saves in memory."""
+def finish(name: str, title: str, words: str, figure: Any, kinds: tuple[str, ...] = ("png", "svg")) -> Plot:
+    """Saves in memory; a page that shows one kind needs no other."""
     import matplotlib
 
-    files = {}
+    files = {"png": b"", "svg": b""}
     # Paths for glyphs: no font is needed where the plot is shown. No date: equal numbers give equal files.
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": name}):
         for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+            if kind not in kinds:
+                continue
             buffer = io.BytesIO()
             figure.savefig(buffer, format=kind, dpi=_PNG_DPI, metadata=metadata)
             files[kind] = buffer.getvalue()

@@ -1,0 +1,119 @@
+"""One file: read, fitted, and written as a folder that is whole or not there."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..atomic_output import AtomicOutput
+from ..fitting import Fit, fit_measurement
+from ..measured import Source, read
+from ..page.plot_style import picture_png
+from . import figures, page
+from .options import Options
+from .scans import scans
+from .sphere import Spheres, render
+
+MATERIAL, JSON, SCORES, REPORT, SPHERE = "material.xml", "fit.json", "scores.csv", "report.html", "sphere.png"
+#: What every fit writes; ``SPHERE`` only where data can be rendered
+FILES = (MATERIAL, JSON, SCORES, REPORT)
+
+
+def fit_file(path: str, folder: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Fits one file and writes its folder; the result is what a page on many says of it."""
+    chosen = Options.of(options)
+    start = time.perf_counter()
+    place = Path(path)
+    source = read(place)
+    found = fit_measurement(
+        source.data,
+        model=chosen.model,
+        setting=chosen.setting,
+        max_angle=chosen.max_angle,
+        anisotropic=chosen.anisotropic,
+    )
+    seconds = time.perf_counter() - start
+    spheres = _spheres(found, source)
+    summary = _summary(found, place, source.kind, seconds)
+    with AtomicOutput(Path(folder)) as files:
+        files.path(MATERIAL).write_text(found.to_xml(), encoding="utf-8")
+        files.path(JSON).write_text(_json(found, summary, chosen), encoding="utf-8")
+        files.path(SCORES).write_text(scores_csv(found), encoding="utf-8")
+        if spheres is not None:
+            files.path(SPHERE).write_bytes(_side_by_side(spheres))
+        text = page.report(found, source, summary, chosen, _plots(found, source, chosen, spheres))
+        files.path(REPORT).write_text(text, encoding="utf-8")
+    return summary
+
+
+def _spheres(found: Fit, source: Source) -> Spheres | None:
+    return None if source.evaluate is None else render(source.evaluate, found.predict)
+
+
+def _plots(found: Fit, source: Source, options: Options, spheres: Spheres | None) -> dict[str, Any]:
+    other = figures.reference(found)
+    lines = scans(found, source, options.max_angle)
+    return {
+        "spheres": None if spheres is None else figures.draw_spheres(spheres),
+        "scans": figures.draw_scans(found, lines, other) if lines else None,
+        "parity": figures.draw_parity(found),
+        "lobe": figures.draw_lobe(found, other),
+        "around": figures.draw_around(found) if found.ndf.alpha_u != found.ndf.alpha_v else None,
+        "residuals": figures.draw_residuals(found, source, options.max_angle, other),
+        "tree": figures.draw_tree(found) if len(found.scores) > 1 else None,
+    }
+
+
+def _side_by_side(spheres: Spheres) -> bytes:
+    import numpy as np
+
+    return picture_png(np.concatenate([spheres.data, spheres.fit], axis=1))
+
+
+def _summary(found: Fit, path: Path, kind: str, seconds: float) -> dict[str, Any]:
+    """What stands in a table of many fits; plain JSON."""
+    errors = {score.model: score.error for score in found.scores}
+    ggx = errors.get("ggx")
+    over = found.error / ggx if ggx else None
+    return {
+        "file": str(path),
+        "format": kind,
+        "model": found.model,
+        "error": found.error,
+        "over_ggx": over,
+        "errors": errors,
+        "parameters": {k: v if math.isfinite(v) and abs(v) < 1e300 else None for k, v in found.parameters.items()},
+        "not_identifiable": list(found.uncertainty.unknown),
+        "at_a_bound": [p.name for p in found.uncertainty.parameters if p.status == "at a bound"],
+        "pairs": len(found.data.value),
+        "warnings": list(found.warnings),
+        "seconds": round(seconds, 3),
+    }
+
+
+def _json(found: Fit, summary: Mapping[str, Any], options: Options) -> str:
+    from .. import __version__
+
+    content = json.loads(found.as_json())
+    first = {"file": summary["file"], "format": summary["format"], "sgtd": __version__, "options": options.as_json()}
+    return json.dumps({**first, **content, "seconds": summary["seconds"]}, indent=1, allow_nan=False) + "\n"
+
+
+def scores_csv(found: Fit) -> str:
+    """A line for each row that was tried."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(
+        ("model", "error", "relative_to_ggx", "error_of_what_was_left_out", "variables", "seconds", "chosen")
+    )
+    for score in sorted(found.scores, key=lambda score: score.error):
+        held = "" if math.isnan(score.held_out) else f"{score.held_out:.9g}"
+        row = (score.model, f"{score.error:.9g}", f"{score.relative:.6g}", held)
+        table.writerow((*row, score.parameters, f"{score.seconds:.3f}", "yes" if score.chosen else ""))
+    return text.getvalue()
