@@ -4,6 +4,8 @@
 # make bench   speed, as ratios measured in one run
 # make microsurface a mesh beside the material of the same shape: docs/microsurface.png
 # make gallery every effect off and on, and what it costs: docs/gallery.png
+# make docs    the documentation site, from sources, docstrings and executed notebooks: out/docs/index.html
+# make dist    a source distribution and a wheel in dist/
 # make report  what accuracy costs in time: measure, and write out/accuracy/report.html
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -14,10 +16,10 @@ BIN := $(VENV)/bin
 WORKERS := -n 2 --dist loadgroup
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SOURCES := $(shell find rust-core/src mitsuba-plugin -type f -not -path '*/__pycache__/*' -not -path '*/build/*') \
-           Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
+           pyproject.toml Cargo.toml Cargo.lock .cargo/config.toml rust-core/Cargo.toml rust-core/build.rs
 DEMO := out/demo
 
-.PHONY: demo test quick rust-test python-test lint bench gallery microsurface report format clean tools
+.PHONY: demo test quick rust-test python-test lint bench gallery microsurface docs dist report format clean tools
 
 demo: $(VENV)/installed
 	$(BIN)/sgtd compare scenes/spheres.xml -o $(DEMO) --set distribution=student --set gamma=1.6
@@ -37,10 +39,10 @@ python-test: lint
 	$(BIN)/python -m pytest tests $(WORKERS)
 
 lint: $(VENV)/test-tools
-	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches examples
-	$(BIN)/ruff check --quiet mitsuba-plugin tests benches examples
+	$(BIN)/ruff format --check --quiet mitsuba-plugin tests benches examples docs/*.py docs/extensions
+	$(BIN)/ruff check --quiet mitsuba-plugin tests benches examples docs/*.py docs/extensions
 	$(BIN)/clang-format --dry-run --Werror mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
-	cd mitsuba-plugin && $(CURDIR)/$(BIN)/mypy
+	$(BIN)/mypy
 
 quick: tools lint
 	cargo fmt --all --check
@@ -60,12 +62,16 @@ gallery: $(VENV)/installed
 microsurface: $(VENV)/installed
 	$(BIN)/python benches/microsurface.py
 
+docs: $(VENV)/docs-tools
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
+	@echo "The site: $(CURDIR)/out/docs/index.html"
+
 report: $(VENV)/installed
 	$(BIN)/sgtd accuracy -o out/accuracy
 
 format: $(VENV)/test-tools
 	cargo fmt --all
-	$(BIN)/ruff format mitsuba-plugin tests benches examples
+	$(BIN)/ruff format mitsuba-plugin tests benches examples docs/*.py docs/extensions
 	$(BIN)/clang-format -i mitsuba-plugin/src/*.cpp mitsuba-plugin/src/*.h
 
 # Says what a bare Debian machine lacks: a compiler, the venv module, libLLVM, a recent cargo; installs it with CI=true.
@@ -77,19 +83,27 @@ $(BIN)/python: | tools
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
 
 # What the plugin is built with stands in the environment itself, so that a second build compiles only what has changed.
-$(VENV)/build-tools: $(BIN)/python mitsuba-plugin/pyproject.toml
-	@sed -n 's/^requires = \[\(.*\)\]/\1/p' mitsuba-plugin/pyproject.toml | sed 's/", "/\n/g; s/"//g' > $(VENV)/build-tools.txt
+$(VENV)/build-tools: $(BIN)/python pyproject.toml
+	@sed -n 's/^requires = \[\(.*\)\]/\1/p' pyproject.toml | sed 's/", "/\n/g; s/"//g' > $(VENV)/build-tools.txt
 	$(PIP) -r $(VENV)/build-tools.txt
 	@touch $@
 
 $(VENV)/installed: $(VENV)/build-tools $(SOURCES)
 	@echo "Building the plugin and installing it into $(VENV) (about two minutes on two cores) ..."
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(PIP) --no-build-isolation ./mitsuba-plugin
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(PIP) --no-build-isolation ".[compare,report,fit]"
 	@touch $@
 
 $(VENV)/test-tools: $(VENV)/installed tests/requirements.txt
 	$(PIP) -r tests/requirements.txt
 	@touch $@
 
+$(VENV)/docs-tools: $(VENV)/installed docs/requirements.txt
+	$(PIP) -r docs/requirements.txt
+	@touch $@
+
+# What can be published: a source distribution, and a wheel for this Python; tools/wheels makes them for others too
+dist: | $(BIN)/python
+	$(BIN)/python tools/wheels
+
 clean:
-	rm -rf $(VENV) target out mitsuba-plugin/build
+	rm -rf $(VENV) target out build dist

@@ -11,7 +11,8 @@ Importing this package makes the plugins ``sgtdconductor``, ``sgtddielectric`` a
 The import may come before or after ``mi.set_variant``: Mitsuba has one search path for the whole process, shared by all variants and
 threads. Only ``mi.set_file_resolver`` with a new resolver loses them; :func:`register` adds it again.
 
-``MITSUBA_RELEASE`` is the release of Mitsuba that the plugins were built for; they work with no other.
+A plugin works with the release of Mitsuba that it was built for and no other; ``MITSUBA_RELEASES`` are those that this installation has plugins
+for, and :func:`register` takes the ones for the Mitsuba that is installed.
 
 :class:`sgtd.Ndf` evaluates the distributions over numpy arrays, without Mitsuba's variants.
 """
@@ -24,39 +25,55 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._core import mitsuba_release as MITSUBA_RELEASE
-
 if TYPE_CHECKING:
     from .fitting import fit
     from .ndf import Ndf
 
-__all__ = ["Ndf", "MITSUBA_RELEASE", "PLUGIN_DIR", "__version__", "fit", "register"]
+__all__ = ["Ndf", "MITSUBA_RELEASES", "PACKAGE_DIR", "__version__", "fit", "plugin_dir", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
 
-#: The folder that Mitsuba searches for ``plugins/sgtdconductor.so`` and the others.
-PLUGIN_DIR = Path(__file__).resolve().parent
+#: The folder of this package; the scenes that come with it are in ``scenes`` below it.
+PACKAGE_DIR = Path(__file__).resolve().parent
+
+
+def plugin_dir(release: str) -> Path:
+    """The folder that Mitsuba searches for ``plugins/sgtdconductor.so`` and the others, for one release of Mitsuba."""
+    return PACKAGE_DIR / "releases" / release
+
+
+def _releases() -> tuple[str, ...]:
+    folders = (PACKAGE_DIR / "releases").glob("*/plugins")
+    return tuple(sorted((folder.parent.name for folder in folders), key=lambda name: [int(n) for n in name.split(".")]))
+
+
+#: The releases of Mitsuba that this installation has plugins for, oldest first.
+MITSUBA_RELEASES: tuple[str, ...] = _releases()
 
 
 def register() -> None:
-    """Puts the plugins on Mitsuba's search path; does nothing if they are there.
+    """Puts the plugins for the installed Mitsuba on its search path; does nothing if they are there.
 
-    Raises ``ImportError`` if Mitsuba is missing, or is another release than the one that they were built for.
+    Raises ``ImportError`` if Mitsuba is missing, or is a release without plugins here.
     """
-    mend = f"Install the matching one: pip install mitsuba=={MITSUBA_RELEASE}"
+    known = ", ".join(MITSUBA_RELEASES) or "no release"
+    newest = MITSUBA_RELEASES[-1] if MITSUBA_RELEASES else ""
+    install = f"Install it: pip install mitsuba=={newest}" if newest else "Install sgtd anew: it holds no plugins"
     try:
         import mitsuba as mi
     except ImportError as error:
         raise ImportError(
-            f"sgtd needs Mitsuba {MITSUBA_RELEASE}, which cannot be imported ({error}). {mend}"
+            f"sgtd has plugins for Mitsuba {known}, but none can be imported ({error}). {install}"
         ) from error
-    if mi.__version__ != MITSUBA_RELEASE:
+    if mi.__version__ not in MITSUBA_RELEASES:
+        build = "or build for yours in a checkout: pip install --no-build-isolation ."
         raise ImportError(
-            f"sgtd was built for Mitsuba {MITSUBA_RELEASE}, but Mitsuba {mi.__version__} is installed. {mend}"
+            f"sgtd has plugins for Mitsuba {known}, but Mitsuba {mi.__version__} is installed. {install}, {build}"
         )
+    folder = str(plugin_dir(mi.__version__))
     resolver = mi.file_resolver()
-    if str(PLUGIN_DIR) not in map(str, resolver):
-        resolver.append(str(PLUGIN_DIR))
+    if folder not in map(str, resolver):
+        resolver.append(folder)
 
 
 def __getattr__(name: str) -> Any:

@@ -5,8 +5,6 @@ import numpy
 from numpy.typing import NDArray
 
 
-mitsuba_release: str = '3.9.1'
-
 steep: float = 38.0
 
 default_accuracy: float = 1e-05

@@ -31,7 +31,9 @@ _INSTALL_LLVM = "sudo apt-get install libllvm19 (Debian), or set DRJIT_LIBLLVM_P
 
 _BACKENDS = ("scalar_", "llvm_", "cuda_")
 
-_INSTALL_PLUGIN = "pip install --force-reinstall --no-deps ./mitsuba-plugin"
+_INSTALL_PLUGIN = (
+    "pip install --force-reinstall --no-deps sgtd, or in a checkout: pip install --force-reinstall --no-deps ."
+)
 
 
 @dataclass(frozen=True)
@@ -89,22 +91,23 @@ def diagnose(tried: Callable[[str], None] = print) -> Iterator[Finding]:
 
 def _mitsuba() -> Finding:
     """Mitsuba's version against the one that the plugin was built with: another one loads and misbehaves."""
-    built = built_with()
-    mend = f"pip install mitsuba=={built}"
+    known = releases()
+    install = f"pip install mitsuba=={known[-1]}" if known else _INSTALL_PLUGIN
     try:
         import mitsuba as mi
     except (ImportError, OSError, RuntimeError) as error:
-        return Finding("Mitsuba", "bad", one_line(error), mend)
-    if built != mi.__version__:
-        return Finding("Mitsuba", "bad", f"{mi.__version__} is installed; the plugin was built with {built}", mend)
-    return Finding("Mitsuba", "ok", f"{built}, as the plugin was built (Python {platform.python_version()})")
+        return Finding("Mitsuba", "bad", one_line(error), install)
+    if mi.__version__ not in known:
+        there = ", ".join(known) or "none"
+        return Finding("Mitsuba", "bad", f"{mi.__version__} is installed; there are plugins for {there}", install)
+    return Finding("Mitsuba", "ok", f"{mi.__version__}, with plugins built for it (Python {platform.python_version()})")
 
 
-def built_with() -> str:
-    """The version of Mitsuba that the plugin was built with."""
+def releases() -> tuple[str, ...]:
+    """The releases of Mitsuba that there are plugins for."""
     import sgtd
 
-    return sgtd.MITSUBA_RELEASE
+    return sgtd.MITSUBA_RELEASES
 
 
 def plugin_file(plugin: str) -> Path | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import re
 from collections.abc import Iterator
 
@@ -12,6 +13,29 @@ _SOURCE_PLACE = re.compile(r"\[\w+\.(?:cpp|h):\d+\]\s*")
 
 class UserError(Exception):
     """Something that the user can mend; ``str(error)`` is one line that says what."""
+
+
+#: The packages of each extra of the installation, by the names that they are imported under.
+EXTRAS = {
+    "compare": ("matplotlib", "flip_evaluator"),
+    "report": ("matplotlib", "jinja2", "scipy"),
+    "fit": ("matplotlib", "jinja2", "scipy"),
+    "heights": ("SurfaceTopography", "scipy"),
+    "dask": ("distributed",),
+}
+
+
+class MissingPackage(UserError, ImportError):
+    """A package of an extra is not installed; the message has the command that installs it."""
+
+
+def require(extra: str) -> None:
+    """Raises :class:`MissingPackage` unless all packages of an extra are installed; long work calls it first."""
+    missing = [name for name in EXTRAS[extra] if importlib.util.find_spec(name) is None]
+    if missing:
+        names = " and ".join(name.replace("_", "-") for name in missing)
+        verb = "is" if len(missing) == 1 else "are"
+        raise MissingPackage(f"{names} {verb} not installed, which this needs: pip install 'sgtd[{extra}]'")
 
 
 def one_line(error: BaseException | str) -> str:

@@ -18,7 +18,12 @@ std::string loaded_version() {
     void *library = dlopen("libmitsuba.so", RTLD_LAZY | RTLD_NOLOAD);
     if (!library)
         return {};
-    auto info_build = (std::string (*)(int))dlsym(library, "_ZN7mitsuba4util10info_buildB5cxx11Ei");
+#if _GLIBCXX_USE_CXX11_ABI
+    const char *name = "_ZN7mitsuba4util10info_buildB5cxx11Ei";
+#else
+    const char *name = "_ZN7mitsuba4util10info_buildEi";
+#endif
+    auto info_build  = (std::string (*)(int))dlsym(library, name);
     std::string info = info_build ? info_build(1) : std::string();
     dlclose(library);
 

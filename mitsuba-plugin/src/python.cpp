@@ -23,7 +23,6 @@ using sgtd::python::in;
 using sgtd::python::Output;
 
 NB_MODULE(_core, m) {
-    m.attr("mitsuba_release")  = SGTD_MITSUBA_RELEASE;
     m.attr("steep")            = sgtd::host::Steep;
     m.attr("default_accuracy") = sgtd::host::DefaultAccuracy;
     m.attr("least_alpha")      = sgtd::host::LeastAlpha;
