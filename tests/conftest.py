@@ -113,7 +113,7 @@ def pytest_terminal_summary(terminalreporter):
 
 def pytest_report_header(config):
     found = importlib.util.find_spec("sgtd")
-    return f"sgtd: {found.origin if found else 'NOT INSTALLED: pip install ./mitsuba-plugin'}"
+    return f"sgtd: {found.origin if found else 'NOT INSTALLED: pip install .'}"
 
 
 @pytest.fixture

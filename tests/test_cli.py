@@ -287,7 +287,10 @@ def test_the_version_is_said(sgtd):
     import sgtd as package
 
     status, out, _ = sgtd("--version")
-    assert (status, out.strip()) == (0, f"sgtd {package.__version__}, for Mitsuba {package.MITSUBA_RELEASE}")
+    assert (status, out.strip()) == (
+        0,
+        f"sgtd {package.__version__}, for Mitsuba {', '.join(package.MITSUBA_RELEASES)}",
+    )
 
 
 @pytest.mark.parametrize("name", ["a.PNG", "a.Png", "a.EXR"])
@@ -326,7 +329,7 @@ def test_old_scenes_with_lenience(sgtd, scene, tmp_path):
 
 def test_warnings_of_mitsuba_stay_out_of_the_output(scene, tmp_path):
     scene.write_text(scene.read_text().replace('value="30"', 'value="1e39"'))
-    command = [sys.executable, "-m", "sgtd.cli", "render", scene, "-o", tmp_path / "a.exr", *SCALAR]
+    command = [sys.executable, "-m", "sgtd", "render", scene, "-o", tmp_path / "a.exr", *SCALAR]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.count("\n"), "\x1b" in done.stderr) == (0, 1, False)
     assert "sgtd: warning: Invalid sample value" in done.stderr
@@ -507,7 +510,7 @@ def test_doctor_reports_the_variants(sgtd):
 
 
 def test_doctor_finds_another_mitsuba(sgtd, monkeypatch):
-    monkeypatch.setattr("sgtd.MITSUBA_RELEASE", "3.0.0")
+    monkeypatch.setattr("sgtd.MITSUBA_RELEASES", ("3.0.0",))
     status, out, _ = sgtd("doctor")
     assert status == 1
     assert "bad  Mitsuba" in out
@@ -516,7 +519,7 @@ def test_doctor_finds_another_mitsuba(sgtd, monkeypatch):
 
 
 def test_another_mitsuba_is_refused_in_one_line(sgtd, scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("sgtd.MITSUBA_RELEASE", "3.0.0")
+    monkeypatch.setattr("sgtd.MITSUBA_RELEASES", ("3.0.0",))
     status, _, err = sgtd("render", scene, "-o", tmp_path / "a.png", *SCALAR)
     assert status != 0
     assert err.count("\n") == 1
@@ -536,7 +539,7 @@ def test_doctor_without_llvm_says_how_to_mend_it(sgtd, monkeypatch, library):
 
 def test_without_llvm_the_scalar_variant_is_used_and_said(scene, tmp_path):
     environment = {**os.environ, "DRJIT_LIBLLVM_PATH": "/nonexistent/libLLVM.so", "CUDA_VISIBLE_DEVICES": ""}
-    command = [sys.executable, "-m", "sgtd.cli", "render", scene, "-o", tmp_path / "a.png", "--spp", "1"]
+    command = [sys.executable, "-m", "sgtd", "render", scene, "-o", tmp_path / "a.png", "--spp", "1"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert "scalar_rgb is used" in done.stderr

@@ -54,7 +54,7 @@ def test_the_plugin_holds_code_for_every_variant(variant):
     """Variants that cannot run here (no GPU) are at least in the library that Mitsuba loads."""
     import sgtd
 
-    library = (sgtd.PLUGIN_DIR / "plugins" / "sgtdconductor.so").read_bytes()
+    library = (sgtd.plugin_dir(mi.__version__) / "plugins" / "sgtdconductor.so").read_bytes()
     # names of types, not of functions, which are there as well where debug symbols are
     names = set(re.findall(rb"(?<=\0)N7mitsuba13SgtdConductorI[\w]+(?=\0)", library))
     backend = {

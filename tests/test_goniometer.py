@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -251,7 +250,7 @@ def test_a_mesh_from_afar_is_the_material(tmp_path):
     """The scene of the README: light tails at low roughness, where what Smith's model leaves out is a percent."""
     surface = generate(sgtd.Ndf(distribution="beckmann", alpha=0.2), n=128)
     surface.save(tmp_path / "S.ply")
-    scene = Path(sgtd.PLUGIN_DIR) / "scenes" / "with_mesh" / "patch.xml"
+    scene = sgtd.PACKAGE_DIR / "scenes" / "with_mesh" / "patch.xml"
     values = dict(mesh=tmp_path / "S.ply", scale=0.5 / 128, gamma=1e6, alpha=0.2, width=64, height=64, spp=100)
     image = np.array(mi.render(mi.load_file(str(scene), **{k: str(v) for k, v in values.items()}), seed=1))[..., 0]
     material, mesh = (half[14:58].mean() for half in (image[:, 12:32], image[:, 32:52]))

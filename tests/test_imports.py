@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib.metadata
+import importlib.util
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,15 +18,16 @@ PACKAGE = Path(sgtd.__file__).parent
 
 # Ground floor first; a room imports from its own and from those before it.
 FLOORS = (
-    ("_core", "errors", "interleaved_timing", "page"),
-    ("atomic_output", "jobs", "ndf"),
+    ("_core", "errors", "interleaved_timing"),
+    ("atomic_output", "jobs", "ndf", "page"),
     ("scene",),
     ("compare", "distribution_picture", "named_shape"),
     ("explain", "accuracy", "doctor"),
-    ("microsurface", "inverse", "fitting"),
+    ("microsurface", "inverse", "fitting", "sweep"),
     ("measured",),
     ("fit_report",),
     ("cli",),
+    ("__main__",),
 )
 
 
@@ -80,3 +86,33 @@ def test_no_circles():
 
     for module in modules():
         visit(module, ())
+
+
+def test_extras_are_those_of_the_package():
+    """The packages that are asked for by name are what ``pip install 'sgtd[...]'`` brings."""
+    from sgtd.errors import EXTRAS
+
+    declared: dict[str, set[str]] = {}
+    for requirement in importlib.metadata.requires("sgtd") or ():
+        if found := re.match(r"([\w-]+).*extra == ['\"](\w+)['\"]", requirement):
+            name = found[1].lower().replace("-", "_")
+            declared.setdefault(found[2], set()).add(name)
+    assert {extra: {name.lower() for name in names} for extra, names in EXTRAS.items()} == {
+        extra: names for extra, names in declared.items() if extra != "all"
+    }
+
+
+def test_a_missing_package_is_named_with_its_command(monkeypatch):
+    from sgtd.errors import MissingPackage, require
+
+    require("report")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "flip_evaluator" else True)
+    with pytest.raises(MissingPackage, match=r"flip-evaluator is not installed.*pip install 'sgtd\[compare\]'"):
+        require("compare")
+
+
+def test_import_is_light():
+    """``import sgtd`` brings in nothing that it does not need to render: each of these takes longer than all of the package."""
+    code = "import sys, sgtd; print([m for m in ('scipy', 'matplotlib', 'jinja2', 'rich', 'click', 'distributed') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

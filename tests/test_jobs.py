@@ -97,5 +97,5 @@ def test_on_a_dask_cluster(calls, tmp_path):
 
 def test_a_scheduler_that_is_not_there(calls, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(UserError, match=r"pip install sgtd\[cluster\]"):
+    with pytest.raises(UserError, match=r"pip install 'sgtd\[dask\]'"):
         run(tasks(calls, [1]), tmp_path / "r.jsonl", scheduler="tcp://127.0.0.1:1")

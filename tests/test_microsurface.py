@@ -292,7 +292,7 @@ def test_an_interrupt_ends_a_long_call(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "sgtd.cli",
+        "sgtd",
         "surface",
         "--shape",
         "gnd:shift=5",

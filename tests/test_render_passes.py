@@ -224,7 +224,7 @@ def test_a_signal_that_the_parent_ignores_changes_nothing(tmp_path):
     images = []
     for interrupted in (False, True):
         output = tmp_path / f"{interrupted}.exr"
-        command = [sys.executable, "-m", "sgtd.cli", "render", file, "-o", output, "--variant", "scalar_rgb"]
+        command = [sys.executable, "-m", "sgtd", "render", file, "-o", output, "--variant", "scalar_rgb"]
         process = subprocess.Popen(
             [*command, "--spp", "6000"],
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),

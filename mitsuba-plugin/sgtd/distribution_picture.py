@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import UserError
+from .errors import UserError, require
 from .ndf import Ndf
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ def write_table(ndf: Ndf, path: Path, quantity: str = "slope") -> None:
 
 def draw(ndf: Ndf, title: str, path: Path) -> None:
     """D, Lambda and G1, the slopes that views see, and the lobe that light makes on the sphere of directions."""
+    require("report")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 7.5), layout="constrained")

@@ -169,9 +169,7 @@ def _on_dask(tasks: Sequence[Task], scheduler: str) -> Iterator[Outcome]:
     try:
         import distributed
     except ImportError as error:
-        raise UserError(
-            "a scheduler is named, but the package distributed is missing: pip install sgtd[cluster]"
-        ) from error
+        raise UserError("a scheduler is named, but distributed is not installed: pip install 'sgtd[dask]'") from error
     try:
         client = distributed.Client(scheduler, timeout=20)
     except (OSError, ValueError) as error:

@@ -60,8 +60,7 @@ class Ndf:
     ``shift``         radius of a ring of slopes over the roughness, 0 to 10000. Default 0.
     ``mu``            the same as a slope, ``shift = mu / alpha``: instead of ``shift``, and with ``alpha`` alone
     ``alpha``         roughness, 1e-6 to 1e6. Default 0.1.
-    ``alpha_u``,      instead of ``alpha``: roughness along x and along y; give both
-    ``alpha_v``
+    ``alpha_u`` …     and ``alpha_v``, instead of ``alpha``: roughness along x and along y; give both
     ``accuracy``      permitted relative error of :meth:`g1`, 0 to 0.1. Default 1e-5, as the plugins'. 0 computes masking on
                       every call, to 1e-12: 30 to some hundred times slower.
     ================  =======================================================================================================
@@ -125,8 +124,8 @@ class Ndf:
         """A distribution from a table of 2 to 1000 rows.
 
         =================  ======================================================================================================
-        ``angles``,        angles from the normal in degrees, below 90, or slopes (their tangents), ascending. Below the first
-        ``slopes``         one the density of slopes is constant.
+        ``angles`` …       or ``slopes``: angles from the normal in degrees, below 90, or their tangents, ascending. Below the
+                           first one the density of slopes is constant.
         ``values``         values there, up to a common factor; zeros are allowed.
         ``quantity``       what they are: ``"D"``, ``"D_cos"`` (D cos(theta), what a picture of the microsurface from above
                            counts) or ``"slope"`` (D cos(theta)^4, the density of slopes).
@@ -137,8 +136,7 @@ class Ndf:
         ``knee``           slope k: between two rows, ln f is linear in ln(k^2 + x^2). Chosen where the table is straightest.
         ``alpha``          mean slope of the distribution. Left out, the table is as it was given; another value stretches its
                            slopes until their mean is that, so twice the ``alpha`` is twice the slope everywhere.
-        ``alpha_u``,       the same along x and y
-        ``alpha_v``
+        ``alpha_u`` …      and ``alpha_v``: the same along x and y
         =================  ======================================================================================================
         """
         if (angles is None) == (slopes is None):

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import PLUGIN_DIR
+from .. import PACKAGE_DIR
 from ..compare.difference import exposure_for, flip, luminance, to_display
 from ..errors import UserError, mitsuba_errors
 from ..named_shape import NamedShape, make_shape
@@ -69,7 +69,7 @@ class SceneFile:
 
 def default_scenes() -> tuple[Path, ...]:
     """The project's scenes: installed with the package, or in the checkout around it."""
-    folders = (PLUGIN_DIR / "scenes", Path("scenes"))
+    folders = (PACKAGE_DIR / "scenes", Path("scenes"))
     for folder in folders:
         if all((folder / name).is_file() for name in DEFAULT_SCENES):
             return tuple(folder / name for name in DEFAULT_SCENES)

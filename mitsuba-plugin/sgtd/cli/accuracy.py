@@ -32,7 +32,7 @@ from .session import Bars, console_for_tables, start_mitsuba
     multiple=True,
     help="Mitsuba variant; may be given several times (default: the one that compare takes, and scalar_rgb).",
 )
-@click.option("-o", "--output", type=PATH, default=Path("out/accuracy"), show_default=True, help="Folder to write.")
+@click.option("-o", "--output", type=PATH, default="out/accuracy", show_default=True, help="Folder to write.")
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Of all random numbers.")
 @click.option("--quick", is_flag=True, help="A small run, to see that everything works.")
 @LENIENT
@@ -61,6 +61,9 @@ def accuracy_command(
     Writes report.html, plots as PNG and SVG, accuracy.json, functions.csv and images.csv.
     """
     from .. import atomic_output
+    from ..errors import require
+
+    require("report")
     from ..accuracy.output import REPORT, make, print_tables
     from ..scene.graph import check_scene_file
 

@@ -17,6 +17,7 @@ from .ndf import ndf_command
 from .render import render_command
 from .study import study_command
 from .surface import surface_command
+from .sweep import sweep_command
 
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -25,7 +26,7 @@ def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> 
     if wanted and not context.resilient_parsing:
         import sgtd
 
-        click.echo(f"sgtd {sgtd.__version__}, for Mitsuba {sgtd.MITSUBA_RELEASE}")
+        click.echo(f"sgtd {sgtd.__version__}, for Mitsuba {', '.join(sgtd.MITSUBA_RELEASES)}")
         context.exit()
 
 
@@ -61,6 +62,7 @@ for command in (
     surface_command,
     gonio_command,
     study_command,
+    sweep_command,
     ndf_command,
     fit_command,
     doctor_command,

@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 )
 @click.option("--jobs", type=click.IntRange(1), help="Processes for several files (default: one for each core).")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers see the same files; needs sgtd[cluster]."
+    "--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers see the same files; needs sgtd[dask]."
 )
 @click.option("-o", "--output", type=PATH, default=Path("out/fit"), show_default=True, help="Folder to write.")
 def fit_command(

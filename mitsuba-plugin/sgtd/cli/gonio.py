@@ -37,7 +37,7 @@ from .session import Bars, console_for_tables, start_mitsuba
 @click.option("--spacing", type=float, nargs=2, metavar="DX DY", help="Distances of points (default: the file's).")
 @click.option("--gray", type=float, nargs=2, metavar="LOW HIGH", help="Heights of black and white of an image.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all random numbers.")
-@click.option("-o", "--output", type=PATH, default=Path("out/gonio"), show_default=True, help="Folder to write.")
+@click.option("-o", "--output", type=PATH, default="out/gonio", show_default=True, help="Folder to write.")
 def gonio_command(
     heights: Path,
     thetas: tuple[float, ...],
@@ -72,13 +72,14 @@ def gonio_command(
     Writes report.html, plots as PNG and SVG, gonio.json, effects.csv, masking.csv and bins.csv.
     """
     from .. import atomic_output
-    from ..errors import UserError
+    from ..errors import UserError, require
     from ..microsurface import read_heights
     from ..microsurface.goniometer import Bins, Material
     from ..microsurface.report import REPORT, make
     from ..microsurface.tables import print_effects
     from ..named_shape import parse_shape
 
+    require("report")
     if (shape is None) != (alpha is None):
         raise UserError("--shape and --alpha go together: the distribution that the surface is compared with")
     surface = read_heights(heights, spacing, level, gray)

@@ -40,9 +40,9 @@ from .session import Bars, console_for_tables
 @click.option("--ior", type=float, help="Glass of this index over the outside's.")
 @click.option("--workers", type=click.IntRange(1), help="Processes (default: one for each core).")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers see the same files; needs sgtd[cluster]."
+    "--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers see the same files; needs sgtd[dask]."
 )
-@click.option("-o", "--output", type=PATH, default=Path("out/study"), show_default=True, help="Folder to write.")
+@click.option("-o", "--output", type=PATH, default="out/study", show_default=True, help="Folder to write.")
 def study_command(
     shapes: tuple[str, ...],
     alphas: tuple[float, ...],
@@ -71,9 +71,10 @@ def study_command(
     """
     from rich.table import Table
 
-    from ..errors import UserError
+    from ..errors import UserError, require
     from ..microsurface import study
 
+    require("report")
     todo = study.tasks(
         output,
         shapes,

@@ -70,13 +70,14 @@ def surface_command(
       sgtd surface --shape gnd:shift=5,p=1 --alpha 0.1 --correlation 16 -o out/ring.gsf
     """
     from ..atomic_output import AtomicOutput
-    from ..errors import UserError
+    from ..errors import UserError, require
     from ..microsurface import files, generate
     from ..microsurface.images import write_normals
     from ..microsurface.pictures import draw_surface
     from ..named_shape import parse_shape
     from ..ndf import Ndf
 
+    require("report")
     files.check_endings(list(outputs))
     if normals is not None and normals.suffix.lower() != ".exr":
         raise UserError(f"--normals {normals}: normals are floats, which an .exr holds")

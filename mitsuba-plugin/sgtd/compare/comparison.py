@@ -6,12 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..atomic_output import AtomicOutput
-from ..errors import UserError, one_line
+from ..errors import UserError, one_line, require
 from ..scene.exchange import Pair, exchange
 from ..scene.graph import SceneGraph
 from ..scene.render import Progress, render, sample_count, save
 from ..scene.timing import seconds_text
-from .difference import compare_images, require_flip
+from .difference import compare_images
 from .figure import Labels, draw, ratio_text
 from .table import Report
 
@@ -37,7 +37,7 @@ def compare_scene(
     """Renders both sides with the same samples, measures, and writes ``FILES`` into the folder."""
     import mitsuba as mi
 
-    require_flip()
+    require("compare")
     graph.require_integrator()
     pair = exchange(graph, settings)
     steps = steps or _silent

@@ -5,13 +5,12 @@ Images are arrays (height, width, 3) of linear sRGB. Luminance is Rec. 709. "Lef
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, require
 from ..scene.render import Rendering
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -154,15 +153,9 @@ def stops_between(left: np.ndarray, right: np.ndarray, floor: float) -> np.ndarr
     return np.log2(b / a)
 
 
-def require_flip() -> None:
-    """Raises an error if FLIP is not installed."""
-    if importlib.util.find_spec("flip_evaluator") is None:
-        raise UserError("the package flip-evaluator is missing: pip install flip-evaluator")
-
-
 def flip(reference: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
     """The FLIP map of two display images, and its mean."""
-    require_flip()
+    require("compare")
     import flip_evaluator
 
     images = [np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test)]

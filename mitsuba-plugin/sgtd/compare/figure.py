@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import require
 from .difference import (
     FLIP_PIXELS_PER_DEGREE,
     STOPS_FLOOR,
@@ -63,6 +64,7 @@ class Labels:
 
 def draw(path: Path, left: np.ndarray, right: np.ndarray, result: Comparison, labels: Labels) -> None:
     """Writes the picture as PNG. ``left`` and ``right`` are linear sRGB."""
+    require("compare")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import UserError
+from ..errors import UserError, require
 from ..ndf import Ndf
 from . import fresnel, material
 from .measurement import Measurement, measurement, usable
@@ -197,6 +197,7 @@ def fit_measurement(
     anisotropic: bool | None = None,
 ) -> Fit:
     """:func:`fit` of data that were read from a file."""
+    require("fit")
     names = check(setting, model)
     material.check_channels(data.value.shape[1], data.title)
     used = usable(data, max_angle)

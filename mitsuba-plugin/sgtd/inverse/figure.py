@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import require
 from .recover import Recovery
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figure:
     """Draws a recovery; ``truth``, where it is known, is drawn as dashed lines."""
+    require("fit")
     from matplotlib.figure import Figure as NewFigure
 
     names = list(recovery.parameters)

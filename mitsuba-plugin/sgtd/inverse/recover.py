@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import require
 from .variables import NAMES, Variables
 
 if TYPE_CHECKING:
@@ -150,6 +151,7 @@ def recover(
     Raises ``ValueError`` for a target that does not fit or has bad values, for an unknown parameter that the scene lacks, and for a start that is no
     member of the family.
     """
+    require("fit")
     from scipy.optimize import least_squares
 
     variables = Variables(unknown, **(fixed or {}))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..errors import require
 from ..ndf import Ndf
 from .goniometer import Scattered, Setup
 from .surface import Surface
@@ -59,6 +60,7 @@ class MeshModel:
     """Of the facets that a surface has."""
 
     def __init__(self, surface: Surface) -> None:
+        require("report")
         from scipy.interpolate import RectBivariateSpline
 
         self._slopes = surface.slopes()
@@ -85,6 +87,7 @@ class MeshModel:
 
 def single_scattering(model: SmithModel, setup: Setup, masking: str, count: int = COUNT) -> Scattered:
     """Light that meets one facet: ``F G2 / G1`` of each visible normal, reflected or refracted. All of it is in the first order."""
+    require("report")
     from scipy.stats import qmc
 
     u = np.minimum(qmc.Sobol(2, rng=setup.seed).random(count), np.nextafter(1.0, 0.0))

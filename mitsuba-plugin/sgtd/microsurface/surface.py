@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from ..errors import UserError, os_reason
+from ..errors import UserError, os_reason, require
 from ..ndf import Ndf
 from . import files
 from .described import restore
@@ -85,6 +85,7 @@ class Surface:
 
     def lag_correlation(self) -> float:
         """Correlation of slopes along x between cells that are neighbors along x, from ranks: heavy tails have no variance."""
+        require("report")
         from scipy.stats import rankdata
 
         slopes = np.diff(self.heights, axis=1)

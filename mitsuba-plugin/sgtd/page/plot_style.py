@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import require
+
 # Okabe and Ito, "Color Universal Design" (2008).
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, FAINT = "#1c1c1c", "#595959"
@@ -32,6 +34,7 @@ class Plot:
 
 def new_figure(columns: int = 1) -> Any:
     """An empty figure, as wide as so many plots."""
+    require("report")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import require
 from .plot_style import Plot
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 def load_template(path: Path, **filters: Any) -> Template:
     """A template that may include ``style.css`` of this folder and its own neighbors; ``svg``, ``number`` and ``error`` are filters of it."""
+    require("report")
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     loader = FileSystemLoader([str(path.parent), str(Path(__file__).parent)])

@@ -58,8 +58,8 @@ NEVER_EXCHANGED = {
 
 # The properties in which two partners differ; all others (metal, indices, roughness, reflectance) stay as they are.
 NUMBERS = ("gamma", "inv_gamma", "p", "lambda", "shift", "mu")
-_WORDS = ("distribution", "masking", *numeric_distribution.WORDS)
-SETTINGS = _WORDS + NUMBERS + numeric_distribution.NUMBERS
+WORDS = ("distribution", "masking", *numeric_distribution.WORDS)
+SETTINGS = WORDS + NUMBERS + numeric_distribution.NUMBERS
 
 # What belongs to a distribution and goes with it.
 _OF_DISTRIBUTION = NUMBERS + numeric_distribution.PROPERTIES
@@ -122,7 +122,7 @@ def parse_settings(texts: tuple[str, ...] | list[str]) -> dict[str, str | float]
             raise UserError(f"--set {name}: unknown property{hint}; it can be {', '.join(SETTINGS)}")
         if name in settings:
             raise UserError(f"--set {name} is given twice")
-        if name in _WORDS:
+        if name in WORDS:
             settings[name] = value
             continue
         try:
@@ -132,8 +132,8 @@ def parse_settings(texts: tuple[str, ...] | list[str]) -> dict[str, str | float]
     return settings
 
 
-def exchange(graph: SceneGraph, settings: Settings) -> Pair:
-    """Makes the pair; ``graph`` itself stays as it is."""
+def exchange(graph: SceneGraph, settings: Settings, roughness: Mapping[str, float] | None = None) -> Pair:
+    """Makes the pair; ``graph`` itself stays as it is. ``roughness`` (``alpha``, or ``alpha_u`` and ``alpha_v``) is set on both sides."""
     left, right = graph.copy(), graph.copy()
     # Collected before anything changes: a node turned into the other plugin must not be met a second time.
     pairs = [
@@ -144,6 +144,9 @@ def exchange(graph: SceneGraph, settings: Settings) -> Pair:
     pairs.sort(key=lambda pair: (pair[0].file_index, pair[0].offset))
     exchanges = []
     for left_node, right_node in pairs:
+        if roughness:
+            for node in (left_node, right_node):
+                _set_roughness(node.props, roughness)
         if left_node.props.plugin_name() in PARTNERS:
             _to_sgtd(right_node.props, settings)
         else:
@@ -243,6 +246,20 @@ def _keep_mean_slope(props: Any, folder: Path) -> None:
         except (KeyError, ValueError):
             return  # the right side will say what is wrong with it
         props["alpha"] = width * _GGX_PER_MEAN_SLOPE
+
+
+def _set_roughness(props: Any, roughness: Mapping[str, float]) -> None:
+    """One of two roughnesses leaves the other as it is, or as the single one that was there."""
+    single = props["alpha"] if "alpha" in props else None
+    if "alpha" in roughness:
+        for name in ("alpha_u", "alpha_v"):
+            if name in props:
+                del props[name]
+    elif single is not None:
+        del props["alpha"]
+        props["alpha_u"] = props["alpha_v"] = single
+    for name, value in roughness.items():
+        props[name] = value
 
 
 def _apply(props: Any, settings: Settings) -> None:

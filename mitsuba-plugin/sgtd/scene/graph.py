@@ -220,12 +220,18 @@ def read_scene(path: Path, parameters: Mapping[str, str], lenient: bool = False)
     return graph
 
 
+def scene_defaults(path: Path) -> dict[str, str]:
+    """The ``$names`` of a scene file and of those that it includes, with their default values."""
+    check_scene_file(path)
+    return dict(_defaults(path, _INCLUDE_DEPTH))
+
+
 def _explain_unused(path: Path, message: str) -> None:
     """Where Mitsuba refuses parameters that the scene does not have, an error that lists those that it has."""
     unused = _UNUSED.findall(message) if "unused parameter" in message else []
     if not unused:
         return
-    defaults = dict(_defaults(path, _INCLUDE_DEPTH))
+    defaults = scene_defaults(path)
     close = difflib.get_close_matches(unused[0], defaults, n=1)
     hint = f' (did you mean "{close[0]}"?)' if close else ""
     has = ", ".join(f"{name}={value}" for name, value in defaults.items())

@@ -130,7 +130,7 @@ def sensor_of(scene: Any, index: int) -> Any:
 class PassRenderer:
     """Renders a scene pass by pass, so that several scenes can take turns."""
 
-    def __init__(self, scene: Any, sensor: int, spp: int) -> None:
+    def __init__(self, scene: Any, sensor: int, spp: int, seed: int = 0) -> None:
         import mitsuba as mi
 
         self._scene = scene
@@ -145,18 +145,22 @@ class PassRenderer:
         self._structure = "" if name == "IndependentSampler" else name
         self._scalar = mi.variant().startswith("scalar_")
         self.plan = plan_passes(width * height, spp, bool(self._structure), self._scalar)
+        # runs with other seeds have other seeds in every pass
+        self._first_seed = seed * len(self.plan)
         self._sums: list[Any] = [0.0, 0.0]
         self._samples = [0, 0]
         self._averaged: np.ndarray = np.array([False])
         self._timings: list[tuple[float, int]] = []
 
     def render_pass(self, number: int) -> int:
-        """Renders one pass of the plan, with its number as the seed; returns its samples per pixel as planned."""
+        """Renders one pass of the plan, with a seed of its own; returns its samples per pixel as planned."""
         size = self.plan[number]
         with mitsuba_errors("while rendering"):
             while True:
                 start = time.perf_counter()
-                self._integrator.render(self._scene, self._camera, seed=number, spp=size, develop=True, evaluate=True)
+                self._integrator.render(
+                    self._scene, self._camera, seed=self._first_seed + number, spp=size, develop=True, evaluate=True
+                )
                 raw = np.array(self._film.develop(raw=True), dtype=np.float64)
                 seconds = time.perf_counter() - start
                 if not self._integrator.should_stop():
@@ -218,13 +222,13 @@ class PassRenderer:
             return self._film.bitmap()
 
 
-def render(scenes: Sequence[Any], sensor: int, spp: int, progress: Progress) -> list[Rendering]:
+def render(scenes: Sequence[Any], sensor: int, spp: int, progress: Progress, seed: int = 0) -> list[Rendering]:
     """Renders scenes with ``spp`` samples per pixel each (a structured sampler may round them up).
 
     The scenes take turns, pass by pass: what else runs on the machine then slows all of them alike, and their times
-    can be compared.
+    can be compared. Another ``seed`` has none of its samples in common.
     """
-    renderers = [PassRenderer(scene, sensor, spp) for scene in scenes]
+    renderers = [PassRenderer(scene, sensor, spp, seed) for scene in scenes]
     for number in range(len(renderers[0].plan)):
         for renderer in renderers:
             progress(renderer.render_pass(number))

@@ -1,5 +1,0 @@
-"""``python -m sgtd.cli``."""
-
-from .entry import main
-
-main()
