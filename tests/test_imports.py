@@ -24,7 +24,7 @@ FLOORS = (
     ("compare", "distribution_picture", "named_shape"),
     ("explain", "accuracy", "doctor"),
     ("microsurface", "inverse", "fitting", "sweep"),
-    ("measured",),
+    ("measured", "slope_fitting"),
     ("fit_report",),
     ("cli",),
     ("__main__",),

@@ -28,8 +28,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .fitting import fit
     from .ndf import Ndf
+    from .slope_fitting import fit_heights, fit_slopes
 
-__all__ = ["Ndf", "MITSUBA_RELEASES", "PACKAGE_DIR", "__version__", "fit", "plugin_dir", "register"]
+__all__ = ["Ndf", "MITSUBA_RELEASES", "PACKAGE_DIR", "__version__", "fit", "fit_heights", "fit_slopes", "plugin_dir", "register"]
 
 __version__ = importlib.metadata.version("sgtd")
 
@@ -82,6 +83,8 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(".ndf", __name__).Ndf
     if name == "fit":
         return importlib.import_module(".fitting", __name__).fit
+    if name in ("fit_heights", "fit_slopes"):
+        return getattr(importlib.import_module(".slope_fitting", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

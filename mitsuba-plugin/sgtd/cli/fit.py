@@ -104,7 +104,8 @@ def fit_command(
     """
     from .. import atomic_output
     from ..fit_report import Options, fit_files
-    from ..fit_report.one import FILES, REPORT, fit_file
+    from ..fit_report.names import FILES, REPORT
+    from ..fit_report.one import fit_file
     from ..fit_report.summary import PAGE
     from ..fitting.reflectance import check
 
@@ -141,6 +142,12 @@ def _print_one(found: dict[str, Any]) -> None:
     for name, error in sorted(found["errors"].items(), key=lambda pair: pair[1]):
         mark = " ←" if name == found["model"] else ""
         table.add_row(name + mark, f"{error:.4g}", f"{error / ggx:.3f}" if ggx else "–")
+    if "log_likelihoods" in found:
+        table = Table(box=None, pad_edge=False)
+        table.add_column("model")
+        table.add_column("log-likelihood a facet", justify="right")
+        for name, value in sorted(found["log_likelihoods"].items(), key=lambda pair: -pair[1]):
+            table.add_row(name + (" ←" if name == found["model"] else ""), f"{value:.5f}")
     console_for_tables().print(table)
     told = ", ".join(f"{name} = {'∞' if x is None else f'{x:.4g}'}" for name, x in found["parameters"].items())
     click.echo(f"{found['model']}: {told}")

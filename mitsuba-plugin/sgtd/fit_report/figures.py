@@ -9,7 +9,6 @@ import numpy as np
 from ..fitting import Fit
 from ..fitting.measurement import has_azimuths
 from ..fitting.problem import Prediction, turned
-from ..fitting.rows import ROWS
 from ..measured import Source
 from ..measured.half_difference import half_and_difference, pair_of
 from ..page.plot_style import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, Plot, finish, new_figure, style
@@ -22,20 +21,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _CHANNELS = (VERMILION, GREEN, BLUE)
-# Where rows stand in the picture of the tree: from few parameters below to many above
-_PLACES = {
-    "beckmann": (1.0, 0.0),
-    "ggx": (0.0, 0.0),
-    "student": (0.0, 1.0),
-    "gnd": (1.0, 1.0),
-    "snd": (2.0, 1.0),
-    "gtd": (0.0, 2.0),
-    "std": (1.0, 2.0),
-    "sgnd": (2.0, 2.0),
-    "sgtd": (1.0, 3.0),
-    "mixture": (3.1, 2.0),
-    "tabulated": (3.1, 3.0),
-}
 # Bins of the residual map along the root of the half angle and along the difference angle
 _BINS = (22, 12)
 # Azimuths of the difference over which a cell is averaged
@@ -242,49 +227,6 @@ def _residual_pairs(fit: Fit, source: Source, max_angle: float) -> tuple[Array, 
     good = measured > 0.0
     edges = 90.0 * np.linspace(0.0, 1.0, half + 1) ** 2, np.linspace(0.0, 90.0, difference + 1)
     return wi[good], wo[good], measured[good], edges
-
-
-def draw_tree(fit: Fit) -> Plot:
-    """The rows that were tried, with their errors; better ones are darker."""
-    figure = new_figure(columns=2)
-    figure.set_figheight(4.6)
-    axes = figure.add_subplot()
-    scores = {score.model: score for score in fit.scores}
-    errors = np.array([score.error for score in scores.values()])
-    low, high = np.log(errors.min() + 1e-12), np.log(errors.max() + 1e-12)
-    from matplotlib import colormaps
-
-    for name in scores:
-        for child in ROWS[name].children if name in ROWS else ():
-            if child in scores:
-                (x, y), (u, v) = _PLACES[name], _PLACES[child]
-                axes.plot([x, u], [y, v], color="#bbbbbb", linewidth=1.2, zorder=1)
-    for name, score in scores.items():
-        x, y = _PLACES[name]
-        part = (np.log(score.error + 1e-12) - low) / (high - low) if high > low else 0.0
-        color = colormaps["Blues"](0.75 - 0.65 * part)
-        held = "" if np.isnan(score.held_out) else f"\nleft out {score.held_out:.3g}"
-        text = f"{name}\n{score.error:.3g} ({score.relative:.2f})" + held
-        box: dict[str, Any] = {
-            "boxstyle": "round,pad=0.35",
-            "facecolor": color,
-            "edgecolor": VERMILION if score.chosen else "#999999",
-        }
-        box["linewidth"] = 2.2 if score.chosen else 0.8
-        axes.text(
-            x, y, text, ha="center", va="center", fontsize=8.5, bbox=box, zorder=2, color="white" if part < 0.3 else INK
-        )
-    axes.set(xlim=(-0.6, 3.7), ylim=(-0.5, 3.5))
-    axes.set_yticks(range(4), ["no free\nshape", "1 or 2", "2 or 3", "4"])
-    axes.set_xticks([])
-    axes.set_ylabel("free parameters of the shape")
-    for side in axes.spines.values():
-        side.set_visible(False)
-    words = (
-        "Every row with its error, in brackets over that of GGX, and where it was asked for the error of directions that were left out of the fit. "
-        "Lines go to special cases. The framed one is the material."
-    )
-    return finish("tree", "The rows that were tried", words, figure, ("svg",))
 
 
 def draw_around(fit: Fit) -> Plot:

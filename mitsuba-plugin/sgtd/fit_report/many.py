@@ -10,7 +10,7 @@ from .. import jobs
 from ..errors import UserError
 from ..jobs import Advance, Outcome, Task
 from . import summary
-from .one import FILES
+from .names import FILES
 from .options import Options
 
 RESULTS = "fits.jsonl"

@@ -1,4 +1,4 @@
-"""One file: read, fitted, and written as a folder that is whole or not there."""
+"""One file of reflectance: read, fitted, and written as a folder that is whole or not there."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from typing import Any
 
 from ..atomic_output import AtomicOutput
 from ..fitting import Fit, fit_measurement
-from ..measured import Source, read
-from ..page.plot_style import picture_png
+from ..measured import HEIGHTS, Source, kind_of, read
+from ..page.plot_style import Plot, picture_png
 from . import figures, page
+from .heights import fit_heights_file
+from .names import JSON, MATERIAL, REPORT, SCORES, SPHERE
 from .options import Options
 from .scans import scans
 from .sphere import Spheres, render
-
-MATERIAL, JSON, SCORES, REPORT, SPHERE = "material.xml", "fit.json", "scores.csv", "report.html", "sphere.png"
-#: What every fit writes; ``SPHERE`` only where data can be rendered
-FILES = (MATERIAL, JSON, SCORES, REPORT)
+from .tree_figure import Node, draw_tree
 
 
 def fit_file(path: str, folder: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -30,6 +29,8 @@ def fit_file(path: str, folder: str, options: Mapping[str, Any]) -> dict[str, An
     chosen = Options.of(options)
     start = time.perf_counter()
     place = Path(path)
+    if kind_of(place) == HEIGHTS:
+        return fit_heights_file(place, Path(folder), chosen)
     source = read(place)
     found = fit_measurement(
         source.data,
@@ -66,8 +67,23 @@ def _plots(found: Fit, source: Source, options: Options, spheres: Spheres | None
         "lobe": figures.draw_lobe(found, other),
         "around": figures.draw_around(found) if found.ndf.alpha_u != found.ndf.alpha_v else None,
         "residuals": figures.draw_residuals(found, source, options.max_angle, other),
-        "tree": figures.draw_tree(found) if len(found.scores) > 1 else None,
+        "tree": _tree(found) if len(found.scores) > 1 else None,
     }
+
+
+def _tree(found: Fit) -> Plot:
+    errors = [math.log(max(score.error, 1e-300)) for score in found.scores]
+    low, high = min(errors), max(errors)
+    nodes = []
+    for score, error in zip(found.scores, errors):
+        held = "" if math.isnan(score.held_out) else f"\nleft out {score.held_out:.3g}"
+        good = (high - error) / (high - low) if high > low else 1.0
+        nodes.append(Node(score.model, f"{score.error:.3g} ({score.relative:.2f})" + held, good, score.chosen))
+    words = (
+        "Every row with its error, in brackets over that of GGX, and where it was asked for the error of directions that were left out of the fit. "
+        "Lines go to special cases. The framed one is the material."
+    )
+    return draw_tree(nodes, words)
 
 
 def _side_by_side(spheres: Spheres) -> bytes:

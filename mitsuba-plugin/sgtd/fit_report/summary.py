@@ -15,7 +15,7 @@ from ..atomic_output import AtomicOutput
 from ..jobs import Outcome
 from ..page.plot_style import BLUE, FAINT, INK, VERMILION, Plot, finish, new_figure, style
 from ..page.template import data, load_template, number
-from .one import REPORT, SPHERE
+from .names import REPORT, SPHERE
 
 PAGE, TABLE = "summary.html", "summary.csv"
 # Parameters that a table of many has room for

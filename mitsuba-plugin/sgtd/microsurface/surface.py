@@ -75,13 +75,24 @@ class Surface:
         """Slopes (n, 2) of all facets, lower and upper of each cell in turn; of a patch, those that were measured."""
         if self.periodic and not self.missing:
             return self.core.slopes().reshape(-1, 2)
+        slopes = self._cell_slopes().reshape(-1, 2)
+        return np.ascontiguousarray(slopes[np.isfinite(slopes).all(axis=1)])
+
+    def facet_cells(self) -> NDArray[np.int64]:
+        """Row and column (n, 2) of the cell of each facet of :meth:`slopes`."""
+        ny, nx = self.heights.shape
+        shape = (ny, nx) if self.periodic else (ny - 1, nx - 1)
+        cells = np.repeat(np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2), 2, axis=0)
+        return cells[np.isfinite(self._cell_slopes().reshape(-1, 2)).all(axis=1)] if self.missing else cells
+
+    def _cell_slopes(self) -> Array:
+        """Slopes (rows, columns, 4) of both facets of every cell, along x and y in turn."""
         h = self.heights
         if self.periodic:
             h = np.pad(h, ((0, 1), (0, 1)), mode="wrap")
         a, b, c, d = h[:-1, :-1], h[:-1, 1:], h[1:, :-1], h[1:, 1:]
-        cells = np.stack([b - a, c - a, d - c, d - b], axis=-1).reshape(-1, 2)
-        slopes = cells / np.asarray(self.spacing)
-        return np.ascontiguousarray(slopes[np.isfinite(slopes).all(axis=1)])
+        cells = np.stack([b - a, c - a, d - c, d - b], axis=-1)
+        return cells / np.tile(np.asarray(self.spacing), 2)
 
     def lag_correlation(self) -> float:
         """Correlation of slopes along x between cells that are neighbors along x, from ranks: heavy tails have no variance."""
