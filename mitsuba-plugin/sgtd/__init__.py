@@ -30,7 +30,17 @@ if TYPE_CHECKING:
     from .ndf import Ndf
     from .slope_fitting import fit_heights, fit_slopes
 
-__all__ = ["Ndf", "MITSUBA_RELEASES", "PACKAGE_DIR", "__version__", "fit", "fit_heights", "fit_slopes", "plugin_dir", "register"]
+__all__ = [
+    "Ndf",
+    "MITSUBA_RELEASES",
+    "PACKAGE_DIR",
+    "__version__",
+    "fit",
+    "fit_heights",
+    "fit_slopes",
+    "plugin_dir",
+    "register",
+]
 
 __version__ = importlib.metadata.version("sgtd")
 

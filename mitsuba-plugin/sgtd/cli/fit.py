@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 @click.option(
     "--scheduler", metavar="ADDRESS", help="Of a Dask cluster, whose workers see the same files; needs sgtd[dask]."
 )
-@click.option("-o", "--output", type=PATH, default=Path("out/fit"), show_default=True, help="Folder to write.")
+@click.option("-o", "--output", type=PATH, default="out/fit", show_default=True, help="Folder to write.")
 def fit_command(
     files: tuple[Path, ...],
     models: tuple[str, ...],
@@ -103,12 +103,16 @@ def fit_command(
     In CSV the first line names the columns: theta_i, phi_i, theta_o, phi_o and channels, or theta_i and a signed theta_o.
     """
     from .. import atomic_output
+    from ..errors import UserError, require
     from ..fit_report import Options, fit_files
     from ..fit_report.names import FILES, REPORT
     from ..fit_report.one import fit_file
     from ..fit_report.summary import PAGE
     from ..fitting.reflectance import check
 
+    require("fit")
+    if scheduler is not None:
+        require("dask")
     options = Options(model=models or ("auto",), **rest)
     check(options.setting, options.model)
     if len(files) == 1 and scheduler is None:
@@ -119,8 +123,6 @@ def fit_command(
         _print_one(found)
         click.echo(f"Material: {output / 'material.xml'}, report: {output / REPORT}")
         return
-    from ..errors import UserError
-
     with Bars() as bars:
         outcomes = fit_files(files, output, options, workers=jobs, scheduler=scheduler, progress=bars.add)
     _print_many(outcomes)
