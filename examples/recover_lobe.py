@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -23,7 +24,7 @@ START = {"gamma": 2.5, "p": 1.0, "lambda": 0.0, "shift": 0.3, "alpha": 0.15}
 NOISE = 0.005
 
 
-def sphere(size: int, **shape: float) -> mi.Scene:
+def sphere(size: int, **shape: Any) -> mi.Scene:
     """One lamp in a dark room: every pixel is one half vector of the lobe."""
     film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "luminance"}
     view = mi.ScalarTransform4f().look_at([0, -4, 1.2], [0, 0, 0], [0, 0, 1])
@@ -50,9 +51,9 @@ def inside(scene: mi.Scene, size: int) -> np.ndarray:
     return result
 
 
-def photograph(size: int, spp: int) -> np.ndarray:
+def photograph(size: int, spp: int, **shape: Any) -> np.ndarray:
     """The target: other samples than those of the search, and the noise of a camera."""
-    image = np.array(mi.render(sphere(size, **TRUTH), spp=spp, seed=1000))
+    image = np.array(mi.render(sphere(size, **(shape or TRUTH)), spp=spp, seed=1000))
     return image * (1.0 + NOISE * np.random.default_rng(1).standard_normal(image.shape))
 
 

@@ -163,3 +163,53 @@ def test_memory_stays_flat(llvm):
     steps(0, 60)
     before = steps(60, 20)
     assert steps(80, 150) - before < 12.0  # MiB
+
+
+# -- lists of numbers
+
+
+def test_numbers_are_coordinates():
+    numbers = sgtd.inverse.Numbers({"values": [1.0, 2.0, 0.0, 0.5], "alphas": [0.1, 0.3]})
+    assert numbers.unknown == ("values[0]", "values[3]", "alphas[0]", "alphas[1]")
+    given = {"values[0]": 1.0, "values[3]": 0.5, "alphas[0]": 0.1, "alphas[1]": 0.3}
+    v = numbers.from_parameters(given)
+    assert numbers.to_parameters(v) == pytest.approx(given)
+    assert numbers.jacobian(v) == pytest.approx(np.diag(list(given.values())))
+    for bad in ({"values": [1.0]}, {"values": [1.0, -1.0]}, {"weights": [0.0, 0.0]}, {"alphas": [np.nan, 1.0]}):
+        with pytest.raises(ValueError, match=next(iter(bad)) + "|nothing to recover"):
+            sgtd.inverse.Numbers(bad)
+
+
+def test_a_mixture_is_recovered(llvm):
+    """Weights and roughnesses of two members, from others."""
+    module = example()
+    members = "weight=0.6 alpha=0.1 distribution=student gamma=1.7; weight=0.4 alpha=0.5 distribution=beckmann"
+    shape = {"distribution": "mixture", "members": members}
+    target = module.photograph(20, 128, **shape)
+    scene = module.sphere(20, **shape)
+    start = {"weights": [0.5, 0.5], "alphas": [0.15, 0.3]}
+    found = sgtd.inverse.recover(
+        scene, target, "ball.bsdf", start, unknown=["weights", "alphas"], spp=32, mask=module.inside(scene, 20)
+    )
+    assert found.converged and found.error < 0.05
+    assert found.lists["alphas"] == pytest.approx([0.1, 0.5], rel=0.03)
+    weights = found.lists["weights"] / found.lists["weights"].sum()
+    assert weights == pytest.approx([0.6, 0.4], abs=0.02)
+    assert sgtd.inverse.figure(found, {"weights": [0.6, 0.4]}).axes and "alphas[1]" in str(found)
+    with pytest.raises(ValueError, match="alone"):
+        sgtd.inverse.recover(scene, target, "ball.bsdf", start, unknown=["weights", "gamma"], spp=1)
+    with pytest.raises(ValueError, match="values.*missing"):
+        sgtd.inverse.recover(scene, target, "ball.bsdf", start, unknown=["values"], spp=1)
+
+
+def test_the_example_of_tables_runs(llvm, tmp_path):
+    small = ["--size", "24", "--spp", "8", "--steps", "5"]
+    script = [sys.executable, str(EXAMPLES / "recover_table.py"), *small, "-o", str(tmp_path)]
+    done = subprocess.run(script, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "table.png").stat().st_size > 10_000
+    residuals = [float(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("residual")]
+    assert residuals[-1] < 0.1 * residuals[0]
+    # what was found is a material
+    scene = example().sphere(4, distribution="tabulated", filename=str(tmp_path / "table.csv"), tail_exponent=3.4)
+    assert mi.traverse(scene)["ball.bsdf.values"] is not None

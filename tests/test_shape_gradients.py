@@ -269,6 +269,30 @@ def test_a_gradient_that_the_tables_lack_is_refused(llvm):
         bsdf.eval(mi.BSDFContext(), interaction(directions(4, 1)), mi.Vector3f(directions(4, 2).T.copy()))
 
 
+@pytest.mark.parametrize("plugin", ["sgtdconductor", "sgtddielectric"])
+@pytest.mark.parametrize("more", [{}, {"distribution": "beckmann"}, {"sample_bounded": True}], ids=str)
+def test_a_gradient_that_no_tables_follow_is_refused(llvm, plugin, more):
+    """Mitsuba's own distributions have no tables at all."""
+    if plugin == "sgtddielectric" and "sample_bounded" in more:
+        return
+    bsdf = sc.load(plugin, alpha=0.3, **more)
+    params = mi.traverse(bsdf)
+    dr.enable_grad(params["shift"])
+    ctx, si, wo = mi.BSDFContext(), interaction(directions(4, 1)), mi.Vector3f(directions(4, 2).T.copy())
+    number, numbers = mi.Float(0.5), mi.Point2f(0.3, 0.6)
+    for call in (
+        lambda: bsdf.eval(ctx, si, wo),
+        lambda: bsdf.pdf(ctx, si, wo),
+        lambda: bsdf.eval_pdf(ctx, si, wo),
+        lambda: bsdf.sample(ctx, si, number, numbers),
+        lambda: bsdf.eval_pdf_sample(ctx, si, wo, number, numbers),
+    ):
+        with pytest.raises(Exception, match=r"shift.*update"):
+            call()
+    with dr.suspend_grad():
+        bsdf.eval(ctx, si, wo)
+
+
 def test_multiple_scattering_with_a_gradient_is_refused(llvm):
     bsdf = load(SHAPES[1], multiple_scattering=True)
     params = mi.traverse(bsdf)

@@ -51,6 +51,14 @@ template <typename Value_> struct PiecewiseProfile {
         return cell.sqrt_f(cell.log_t(s));
     }
 
+    /// The same, where the number of the cell and log2 t say by what `change` ln f changes.
+    template <typename Change> Value sqrt_f(const Value &s, const Change &change) const {
+        Cell cell(*this, 0, s);
+        Log log_t   = cell.log_t(s);
+        Value value = cell.sqrt_f(log_t);
+        return dr::fmadd(value, (Scalar).5 * change(cell.number, log_t.octave + log_t.rest), value);
+    }
+
     /// The same, with the odds below it.
     struct WithOdds {
         Value sqrt_f, odds;
@@ -105,6 +113,8 @@ private:
 
     struct Cell {
         Value anchor, rate, inv_rate, log_f, exponent, base, mass, inv_mass;
+        /// Its position in the table
+        UInt32 number;
 
         /// The cell of a number in the list over s (0) or over the odds (1).
         Cell(const PiecewiseProfile &profile, uint32_t list, const Value &x) {
@@ -116,10 +126,10 @@ private:
                    entry  = whole(profile.template read<Value>(list * Octaves + (bits >> 23u)));
             UInt32 bucket = (entry >> 5u) + ((bits & Mantissa) >> (entry & 31u));
             Bucket starts = profile.template read<Bucket>(bucket);
-            UInt32 cell   = whole(starts[0]);
+            number        = whole(starts[0]);
             for (uint32_t i = 1; i < BucketSize; ++i)
-                cell += dr::select(starts[i] <= at, UInt32(1u), UInt32(0u));
-            Numbers n = profile.template read<Numbers>(cell);
+                number += dr::select(starts[i] <= at, UInt32(1u), UInt32(0u));
+            Numbers n = profile.template read<Numbers>(number);
             anchor    = n[0];
             rate      = n[1];
             inv_rate  = n[2];

@@ -55,7 +55,7 @@ public:
 
     void traverse(TraversalCallback *cb) {
         for (size_t i = 0; i < names().size(); ++i)
-            cb->put(names()[i], m_shown[i], ParamFlags::NonDifferentiable);
+            cb->put(names()[i], m_shown[i], ParamFlags::Differentiable);
     }
 
     /// Reads what traverse() has changed. Was there anything? A change that is refused throws, and
@@ -98,6 +98,30 @@ public:
         }
     }
 
+    /// Names of the lists that traverse() shows, in the order of `m_shown`.
+    std::vector<const char *> names() const {
+        switch (m_kind) {
+        case Kind::Table:
+            return { "values" };
+        case Kind::Mixture:
+            return { "weights", "alphas" };
+        default:
+            return {};
+        }
+    }
+
+    /// The first list with a gradient, in the sense of `has`; null if there is none.
+    template <typename Has> const char *with_gradient(const Has &has) const {
+        if constexpr (dr::is_diff_v<Float>) {
+            for (size_t i = 0; i < names().size(); ++i)
+                if (has(m_shown[i]))
+                    return names()[i];
+        } else {
+            DRJIT_MARK_USED(has);
+        }
+        return nullptr;
+    }
+
     void describe(std::ostream &os) const {
         if (m_kind == Kind::Table) {
             if (!m_table.path.empty())
@@ -130,17 +154,6 @@ private:
 
     /// What can be changed: values, or weights and roughnesses.
     using Numbers = std::array<std::vector<double>, 2>;
-
-    std::vector<const char *> names() const {
-        switch (m_kind) {
-        case Kind::Table:
-            return { "values" };
-        case Kind::Mixture:
-            return { "weights", "alphas" };
-        default:
-            return {};
-        }
-    }
 
     Numbers numbers() const {
         Numbers result;

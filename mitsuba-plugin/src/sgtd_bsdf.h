@@ -47,9 +47,18 @@ public:
         try {
             std::vector<std::optional<double>> numbers = check_textures(keys);
             bool shape                                 = read_parameters(keys);
-            if (m_source && m_source.update(keys)) {
-                update_source();
-                numbers[0] = m_watched[0].last; // it may have followed
+            if (m_source) {
+                const char *followed = m_source.with_gradient(attached);
+                if (const char *reason = followed ? no_gradient() : nullptr)
+                    Throw("parameter \"%s\" has a gradient, but %s", followed, reason);
+                const bool moved = m_source.update(keys);
+                if (!recording<Float>()) {
+                    if (moved || m_numbers.any != (followed != nullptr)) {
+                        update_source();
+                        numbers[0] = m_watched[0].last; // it may have followed
+                    }
+                    tie_numbers();
+                }
             }
             if (m_parameters[Offset].is_mu && changed(keys, "alpha")) {
                 if (recording<Float>() && !keys.empty())
@@ -255,6 +264,8 @@ protected:
     /// Has the shape a gradient here? While an integrator suspends them, it has none.
     bool follows_shape() const {
         if constexpr (dr::is_diff_v<Float>) {
+            if (m_source)
+                return follows_numbers();
             const Which tables = m_gradient.which(), now = with_gradient(tracked);
             for (size_t i = 0; i < Count; ++i)
                 if (now[i] && !tables[i])
@@ -273,6 +284,10 @@ protected:
     template <typename Function> auto with_tables(const Float &alpha, const Function &f) const {
         if constexpr (dr::is_diff_v<Float>) {
             if (follows_shape()) {
+                if (m_source) {
+                    const SgtdTables<Float> tables = m_tables.following(m_numbers);
+                    return f(tables);
+                }
                 auto [excess, scale]           = shape_excess(alpha);
                 const SgtdTables<Float> tables = m_tables.following(m_gradient, excess, scale);
                 return f(tables);
@@ -334,7 +349,8 @@ protected:
     auto with_facets(const SurfaceInteraction3f &si, const Mask &active, const Own &own,
                      const Function &f) const {
         auto [alpha_u, alpha_v] = roughness(si, active);
-        if (mitsubas_own())
+        // Mitsuba's own follow no gradient of the shape: one that is there is refused
+        if (!follows_shape() && mitsubas_own())
             return f(Builtin(m_beckmann ? MicrofacetType::Beckmann : MicrofacetType::GGX, alpha_u,
                              alpha_v, m_sample_visible, m_height_correlated));
         return own(alpha_u, alpha_v, f);
@@ -524,15 +540,20 @@ private:
 
     /// Makes the tables of a distribution that is not of the family.
     void update_source() {
+        // Derivatives are tabulated over the cells of masking, which have to be as fine
+        const bool follows    = m_source.with_gradient(attached);
+        const double accuracy = follows ? std::min(m_accuracy, 1e-7) : m_accuracy;
         try {
-            m_ndf = sgtd::host::Ndf::get(*m_source.radial(),
-                                         SgtdTables<Float>::accuracy(m_accuracy), m_sample_visible);
+            m_ndf = sgtd::host::Ndf::get(*m_source.radial(), SgtdTables<Float>::accuracy(accuracy),
+                                         m_sample_visible);
         } catch (const std::invalid_argument &error) {
             Throw("%s", error.what());
         }
-        m_node           = { { 2.0, 1.0, 0.0, 0.0 }, 1.0 };
-        m_tables         = SgtdTables<Float>::load(*m_ndf, m_node, m_accuracy);
-        m_builtin        = false;
+        m_node    = { { 2.0, 1.0, 0.0, 0.0 }, 1.0 };
+        m_tables  = SgtdTables<Float>::load(*m_ndf, m_node, accuracy);
+        m_numbers = follows ? NumbersGradient<Float>::load(*m_ndf, m_tables.steep, m_source.m_shown)
+                            : NumbersGradient<Float>();
+        m_builtin = false;
         m_beckmann       = false;
         m_builtin_scaled = false;
         m_sample_bounded = m_can_bound && m_bounded_asked.value_or(true);
@@ -668,6 +689,42 @@ private:
 
     using Which = typename ShapeGradient<Float>::Which;
 
+    /// Gives the numbers of a table or a mixture their gradients, if they have any.
+    void tie_numbers() {
+        if (!m_numbers.any)
+            return;
+        // A roughness that follows the table leaves slopes where they are
+        m_numbers.scaled = !(m_alpha_of_source && constant(m_alpha_u.get()) == (double)m_width);
+        m_numbers.tie(m_source.m_shown);
+    }
+
+    /// Has one of these numbers a gradient here?
+    bool follows_numbers() const {
+        bool any = false;
+        for (size_t i = 0; i < m_source.names().size(); ++i) {
+            if (!tracked(m_source.m_shown[i]))
+                continue;
+            const char *remedy = "call set_dirty() and update() of the scene's parameters after "
+                                 "dr.enable_grad(), and again after each pass that takes gradients";
+            if (!m_numbers.is_tied_to(i, m_source.m_shown[i]))
+                Throw("parameter \"%s\" has a gradient that the tables lack: %s",
+                      m_source.names()[i], remedy);
+            if (!m_numbers.is_open()) {
+                const std::string message =
+                    tfm::format("the gradient of parameter \"%s\" has been taken, and there is "
+                                "none until the next update: %s",
+                                m_source.names()[i], remedy);
+                // Calls are recorded for all materials there are, those of other scenes too
+                if (!jit_flag(JitFlag::SymbolicScope))
+                    Throw("%s", message);
+                warn_once(message);
+                continue;
+            }
+            any = true;
+        }
+        return any;
+    }
+
     /// Has a variable a gradient?
     static bool attached(const Float &x) { return dr::grad_enabled(x); }
 
@@ -773,6 +830,8 @@ protected:
     SgtdTables<Float> m_tables;
     /// Empty unless a parameter of the shape has a gradient
     ShapeGradient<Float> m_gradient;
+    /// Empty unless numbers of a table or a mixture have one
+    NumbersGradient<Float> m_numbers;
     /// The lowest node that the numbers allow, and the factor on the user's roughness there
     sgtd::host::RowShape m_node;
     /// Name of the BSDF
@@ -815,7 +874,7 @@ private:
     // Choices first: see FrozenChoice
     MI_TRAVERSE_CB(Base, m_sample_visible, m_height_correlated, m_anisotropic, m_sample_bounded,
                    m_builtin, m_beckmann, m_builtin_scaled, m_steep, m_cells, m_odds, m_gradient,
-                   m_shown, m_alpha_u, m_alpha_v, m_tables, m_source.m_shown)
+                   m_numbers, m_shown, m_alpha_u, m_alpha_v, m_tables, m_source.m_shown)
 };
 
 NAMESPACE_END(mitsuba)

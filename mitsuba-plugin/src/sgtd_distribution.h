@@ -302,6 +302,8 @@ private:
                                   at),
                             h);
             }
+            if (m_tables.numbers)
+                h += m_tables.numbers->masking(cell - Tables::Entries / 4, d);
         }
         return positive(h);
     }
@@ -416,7 +418,7 @@ private:
         Float stretched = radial * azimuthal;
         Float result    = dr::select(stretched > 0.f, stretched * solid_angle(facet.sec), 0.f);
         if constexpr (dr::is_diff_v<Float>)
-            if (m_tables.gradient)
+            if (m_tables.follows())
                 result *= dr::replace_grad(Float(1.f), relative_to_shape(view, y));
         return result;
     }
@@ -427,8 +429,7 @@ private:
      * are those of the shape as it is. The share of the radii that a bound leaves has no gradient.)
      */
     Float relative_to_shape(const View &view, const Float &y) const {
-        Float root   = m_tables.profile.sqrt_f(dr::detach(y)),
-              at     = dr::maximum(dr::detach(root), 1e-18f),
+        Float root = m_tables.sqrt_f(dr::detach(y)), at = dr::maximum(dr::detach(root), 1e-18f),
               result = m_tables.factor / dr::detach(m_tables.factor) * dr::square(root / at);
         if (m_normals != Normals::All) {
             Float c = dr::detach(view.c), s = dr::detach(view.s),

@@ -46,7 +46,7 @@ protected:
     const char *no_gradient() const override {
         return m_multiple_scattering
                    ? "multiple_scattering is on, whose tables have no derivatives: turn it off to "
-                     "differentiate by gamma, p, lambda, shift or mu"
+                     "differentiate by a parameter of the distribution other than alpha"
                    : nullptr;
     }
 

@@ -6,6 +6,7 @@
 #include <mitsuba/core/fwd.h>
 #include <mitsuba/core/logger.h>
 
+#include "numbers_gradient.h"
 #include "piecewise_profile.h"
 #include "sgtd_profile.h"
 #include "shape_gradient.h"
@@ -66,6 +67,8 @@ template <typename Float_> struct SgtdTables {
     /// What carries the gradients of the shape, if any has one: only in what `following` returns
     const ShapeGradient<Float> *gradient = nullptr;
     ShapeExcess<Float> excess;
+    /// The same for the numbers of a table or a mixture
+    const NumbersGradient<Float> *numbers = nullptr;
 
     /// The same with the gradients of the shape, and of a factor on the roughness that depends on
     /// it. `derivatives` must outlive the result.
@@ -88,6 +91,22 @@ template <typename Float_> struct SgtdTables {
         }
         return result;
     }
+
+    /// The same with the gradients of the numbers of a table or a mixture.
+    SgtdTables following(const NumbersGradient<Float> &derivatives) const {
+        SgtdTables result = *this;
+        result.numbers    = &derivatives;
+        // What grows wider at a roughness that is fixed is scaled back
+        if (derivatives.scaled) {
+            result.alpha_scale = dr::fnmadd(alpha_scale, derivatives.log_mean(), alpha_scale);
+            if (steep)
+                result.precise_scale = dr::replace_grad(precise_scale, Double(result.alpha_scale));
+        }
+        return result;
+    }
+
+    /// Is there a gradient of the shape or of numbers?
+    bool follows() const { return gradient || numbers; }
 
     /**
      * What a material on Mitsuba's own distribution has instead of tables: nothing but a factor on
@@ -152,10 +171,26 @@ template <typename Float_> struct SgtdTables {
     }
 
     /// The square root of f at y = rho^2.
-    Float sqrt_f(const Float &y) const { return by_cells ? cells.sqrt_f(y) : profile.sqrt_f(y); }
+    Float sqrt_f(const Float &y) const {
+        if (!by_cells)
+            return profile.sqrt_f(y);
+        if constexpr (dr::is_diff_v<Float>)
+            if (numbers)
+                return cells.sqrt_f(y, [&](const UInt32 &cell, const Float &log_t) {
+                    return numbers->log_density(cell, log_t);
+                });
+        return cells.sqrt_f(y);
+    }
 
     Double precise_sqrt_f(const Double &y) const {
-        return by_cells ? precise_cells.sqrt_f(y) : precise.sqrt_f(y);
+        if (!by_cells)
+            return precise.sqrt_f(y);
+        if constexpr (dr::is_diff_v<Float>)
+            if (numbers)
+                return precise_cells.sqrt_f(y, [&](const auto &cell, const Double &log_t) {
+                    return Double(numbers->precise_log_density(cell, Float(log_t)));
+                });
+        return precise_cells.sqrt_f(y);
     }
 
     /// Neighboring numbers of a table: as many as `Value` has, from a multiple of that on.

@@ -70,7 +70,7 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
  * - angles, slopes, values
    - |string| or tensor
    - The same in the scene: 2 to 1000 numbers. (Default: none)
-   - |exposed| (``values``)
+   - |exposed|, |differentiable| (``values``)
 
  * - quantity
    - |string|
@@ -93,7 +93,7 @@ Rough conductor with an SGTD distribution (:monosp:`sgtdconductor`)
    - Up to 16 members of a mixture, separated by semicolons: "weight=0.7 alpha=0.1
      distribution=student gamma=1.6; weight=0.3 distribution=tabulated filename=haze.csv". Weights
      are shares of the normals as seen from above. Shown by traverse as ``weights`` and ``alphas``.
-   - |exposed|
+   - |exposed|, |differentiable|
 
  * - gamma
    - |float|
@@ -202,6 +202,11 @@ derivative of ``pdf`` is that of the density of visible normals; the share of th
 ``sample_bounded`` leaves out has none. By ``shift`` at 0 derivatives are one-sided; next to the cusp
 of a profile with p < 1/2, those by ``shift`` are as large as one likes. Without a gradient,
 nothing is computed for it. ``multiple_scattering`` and a gradient of the shape exclude each other.
+
+So can ``values``, ``weights`` and ``alphas``, all at the cost of one. Their gradient leads back to
+them once: a loop that does not set new numbers calls ``params.set_dirty(key)`` and
+``params.update()`` before each pass. Where ``alpha`` is left out, slopes stay where they are, else
+the mean slope does. A value of 0 stays 0 and has no derivative.
 
 What the ``albedo`` of the ``aov`` integrator shows is a color for denoisers: the reflectance at normal
 incidence times ``specular_reflectance``, within [0, 1] and the same from every view.

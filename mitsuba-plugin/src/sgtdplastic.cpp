@@ -105,7 +105,8 @@ specular part and its sampling run on Mitsuba's own MicrofacetDistribution and g
  - equal indices, which are allowed: the coat reflects nothing then.
 
 Derivatives by ``alpha`` and ``eta`` follow the specular part and 1/eta^2; T and R_int count as
-constant, as in ``roughplastic``. Shape parameters cannot be differentiated.
+constant, as in ``roughplastic``. Neither shape parameters nor the numbers of tables and mixtures can
+be differentiated.
 
 The ``albedo`` of the ``aov`` integrator is the diffuse reflectance.
 

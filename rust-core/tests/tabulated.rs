@@ -317,3 +317,23 @@ fn quantities_and_angles_say_the_same() {
     }
     assert!(Quantity::named("height").is_err());
 }
+
+/// Rows whose slopes round to one another are named as the user counts them, whether the table begins at 0 or a node is added there.
+#[test]
+fn rows_that_are_one_are_named() {
+    for first in [0.0, 1e-3] {
+        // neighbors that divided by the mean slope may be one number
+        let errors: Vec<String> = (0..200)
+            .map(|k| 0.5 + 0.01 * f64::from(k))
+            .filter_map(|x| {
+                let slopes = [first, x, x.next_up(), 4.0];
+                TabulatedProfile::new(&slopes, &[1.0, 0.5, 0.4, 0.1], TableTail::Cut).err()
+            })
+            .map(|error| error.to_string())
+            .collect();
+        assert!(errors.len() > 2, "{}", errors.len());
+        for error in errors {
+            assert!(error.contains("\"slopes\" in row 3") && error.contains("more than rounding"), "{error}");
+        }
+    }
+}

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figure:
-    """Draws a recovery; ``truth``, where it is known, is drawn as dashed lines."""
+def figure(recovery: Recovery, truth: Mapping[str, Any] | None = None) -> Figure:
+    """Draws a recovery; ``truth``, where it is known, is drawn as dashed lines. Lists of numbers are drawn as they were and are."""
     require("fit")
     from matplotlib.figure import Figure as NewFigure
 
-    names = list(recovery.parameters)
+    names = [] if recovery.lists else list(recovery.parameters)
     drawn = NewFigure(figsize=(12.0, 6.4), layout="constrained")
     halves: Any = drawn.subfigures(2, 1, height_ratios=(1.15, 1.0))
     top, bottom = halves
@@ -36,8 +36,14 @@ def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figu
     top.colorbar(shown, ax=panels[3], shrink=0.8, label="stops")
     for axes in panels:
         axes.set_axis_off()
-    traces = bottom.subplots(1, len(names) + 1)
+    lists = list(recovery.lists)
+    # a list is as wide as three parameters
+    traces = np.atleast_1d(
+        bottom.subplots(1, len(names) + len(lists) + 1, width_ratios=[*(1 for _ in names), *(3 for _ in lists), 1])
+    )
     count = range(len(recovery.steps))
+    for axes, name in zip(traces, lists):
+        _draw_list(axes, recovery, name, truth)
     for axes, name in zip(traces, names):
         axes.plot(count, [step.parameters[name] for step in recovery.steps], marker=".", color="#2a6f97")
         if truth and name in truth:
@@ -51,6 +57,25 @@ def figure(recovery: Recovery, truth: Mapping[str, float] | None = None) -> Figu
         axes.grid(alpha=0.3)
         axes.locator_params(axis="x", integer=True)
     return drawn
+
+
+def _draw_list(axes: Any, recovery: Recovery, name: str, truth: Mapping[str, Any] | None) -> None:
+    found = recovery.lists[name]
+    scale = 1.0
+    if truth and name in truth:
+        exact = np.asarray(truth[name], dtype=np.float64)
+        # proportions of values and weights count alone
+        if name != "alphas":
+            scale = float(found.max() / exact[np.argmax(found)])
+        axes.semilogy(scale * exact, color="black", linestyle="--", linewidth=1.0, label="truth")
+    axes.semilogy(recovery.first_lists[name], color="#adb5bd", marker=".", label="start")
+    relative = [recovery.deviations.get(f"{name}[{k}]", 0.0) / x if x else 0.0 for k, x in enumerate(found)]
+    up = np.minimum(np.nan_to_num(relative, posinf=10.0), 10.0)
+    error = np.stack([found * (1.0 - np.exp(-up)), found * np.expm1(np.minimum(up, 2.0))])
+    axes.errorbar(range(len(found)), found, yerr=error, color="#2a6f97", marker="o", capsize=2.0, label="result")
+    axes.set_title(name)
+    axes.set_xlabel("row")
+    axes.legend()
 
 
 def _displayed(image: np.ndarray, white: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import require
+from .numbers import LISTS, Numbers, flat, gathered
 from .variables import NAMES, Variables
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ class Step:
 class Recovery:
     """What :func:`recover` found."""
 
-    #: of the unknown parameters
+    #: of the unknown parameters; numbers of a list are called ``values[3]`` or the like
     parameters: dict[str, float]
     #: standard deviations, as the residuals and their derivatives have them; infinite for what the image does not tell
     deviations: dict[str, float]
@@ -52,6 +53,9 @@ class Recovery:
     converged: bool
     #: number of renders, those with derivatives included
     renders: int
+    #: the lists of numbers that were recovered, whole, and as they were
+    lists: dict[str, Array] = dataclasses.field(default_factory=dict)
+    first_lists: dict[str, Array] = dataclasses.field(default_factory=dict)
 
     def __str__(self) -> str:
         found = ", ".join(
@@ -64,18 +68,28 @@ class Recovery:
 class _Material:
     """A material of a scene as a function of its parameters."""
 
-    def __init__(self, scene: mi.Scene, bsdf: str, unknown: Sequence[str], render: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        scene: mi.Scene,
+        bsdf: str,
+        variables: Variables | Numbers,
+        render: Mapping[str, Any],
+    ) -> None:
         import mitsuba as mi
 
         self.scene, self.render = scene, dict(render)
         self.parameters = mi.traverse(scene)
-        self.keys = {name: f"{bsdf}.{'alpha.value' if name == 'alpha' else name}" for name in unknown}
+        self.unknown = variables.unknown
+        #: lists of numbers as they are where nothing is unknown
+        self.lists = variables.start if isinstance(variables, Numbers) else {}
+        names = tuple(self.lists) or self.unknown
+        self.keys = {name: f"{bsdf}.{'alpha.value' if name == 'alpha' else name}" for name in names}
         for name, key in self.keys.items():
             if key not in self.parameters:
-                ends = (".gamma", ".inv_gamma", ".p", ".lambda", ".shift")
+                ends = (".gamma", ".inv_gamma", ".p", ".lambda", ".shift", *(f".{name}" for name in LISTS))
                 known = sorted({k.rpartition(".")[0] for k in self.parameters.keys() if k.endswith(ends)})
                 raise ValueError(
-                    f'the scene has no parameter "{key}": "{bsdf}" must be a material of this package whose row leaves "{name}" '
+                    f'the scene has no parameter "{key}": "{bsdf}" must be a material of this package whose distribution leaves "{name}" '
                     f"free and whose alpha is one number; the scene has {', '.join(known) or 'none'}"
                 )
         self.renders = 0
@@ -84,8 +98,9 @@ class _Material:
         import drjit as dr
         import mitsuba as mi
 
+        whole = gathered(self.lists, values)
         for name, key in self.keys.items():
-            number = mi.Float(float(values[name]))
+            number = mi.Float(np.float32(whole[name])) if whole else mi.Float(float(values[name]))
             if gradient:
                 dr.enable_grad(number)
             self.parameters[key] = number
@@ -98,6 +113,15 @@ class _Material:
         self.renders += 1
         return np.array(mi.render(self.scene, **self.render), dtype=np.float64)
 
+    def _direction(self, name: str, unknown: str) -> mi.Float:
+        """The derivative of a parameter, or of a list of numbers, by the unknown."""
+        import mitsuba as mi
+
+        if name not in self.lists:
+            return mi.Float(1.0 if name == unknown else 0.0)
+        one = {k: 1.0 if k == unknown else 0.0 for k in flat(self.lists)}
+        return mi.Float(np.float32(gathered(self.lists, one)[name]))
+
     def with_derivatives(self, values: Mapping[str, float]) -> tuple[Array, list[Array]]:
         """An image, and its derivative by each parameter."""
         import drjit as dr
@@ -106,9 +130,9 @@ class _Material:
         self.set(values, gradient=True)
         image = mi.render(self.scene, self.parameters, **self.render)
         derivatives = []
-        for key in self.keys.values():
-            for other in self.keys.values():
-                dr.set_grad(self.parameters[other], 1.0 if other == key else 0.0)
+        for unknown in self.unknown:
+            for name, key in self.keys.items():
+                dr.set_grad(self.parameters[key], self._direction(name, unknown))
             dr.clear_grad(image)
             # all of them, though one alone moves: an integrator looks at the gradients of all
             dr.enqueue(dr.ADMode.Forward, *(self.parameters[other] for other in self.keys.values()))
@@ -124,7 +148,7 @@ def recover(
     scene: mi.Scene,
     target: ArrayLike,
     bsdf: str,
-    start: Mapping[str, float],
+    start: Mapping[str, Any],
     *,
     unknown: Sequence[str] = NAMES,
     fixed: Mapping[str, float] | None = None,
@@ -141,7 +165,8 @@ def recover(
 
     ``bsdf`` is the name of the material in ``mi.traverse(scene)``: an ``sgtdconductor`` or ``sgtddielectric`` in a variant with derivatives,
     with one roughness and without ``multiple_scattering``. ``unknown`` are the parameters to be found, from ``start`` on; ``fixed`` the values that the scene
-    has for the others, as far as they are not those of GGX. ``target`` has the shape of the image that ``integrator`` makes of
+    has for the others, as far as they are not those of GGX. A table's ``values``, or the ``weights`` and ``alphas`` of a mixture, are found from lists: ``unknown`` has these
+    names alone, the greatest value or weight is held, numbers of 0 stay 0, and each unknown number takes a render with derivatives per step. ``target`` has the shape of the image that ``integrator`` makes of
     the scene with ``sensor``; pixels where ``mask`` is false do not count.
 
     The residual is log(radiance + floor), the floor 1e-3 of the target's mean: tails count as much as the peak. Every render has the same ``seed``, so that
@@ -154,12 +179,13 @@ def recover(
     require("fit")
     from scipy.optimize import least_squares
 
-    variables = Variables(unknown, **(fixed or {}))
+    variables = _variables(unknown, fixed or {}, start)
+    given = flat(variables.start) if isinstance(variables, Numbers) else start
     render: dict[str, Any] = {"spp": spp, "seed": seed, "sensor": sensor}
     if integrator is not None:
         render["integrator"] = integrator
-    material = _Material(scene, bsdf, variables.unknown, render)
-    first = material.image(variables.to_parameters(variables.from_parameters(start)))
+    material = _Material(scene, bsdf, variables, render)
+    first = material.image(variables.to_parameters(variables.from_parameters(given)))
     goal = _checked(target, first.shape)
     floor = _FLOOR * float(goal.mean())
     counts = np.ones(first.shape, bool) if mask is None else _spread(mask, first.shape)
@@ -194,10 +220,11 @@ def recover(
 
     found = least_squares(
         residual,
-        variables.from_parameters(start),
+        variables.from_parameters(given),
         jacobian,
         bounds=variables.bounds,
-        x_scale="jac",
+        # logarithms have one scale; scaled by their derivatives, rows that are hardly seen hold the others back
+        x_scale=1.0 if isinstance(variables, Numbers) else "jac",
         ftol=tolerance,
         xtol=tolerance,
         gtol=None,
@@ -216,7 +243,24 @@ def recover(
         target=goal,
         converged=bool(found.status > 0),
         renders=material.renders,
+        lists=gathered(material.lists, values),
+        first_lists=dict(material.lists),
     )
+
+
+def _variables(unknown: Sequence[str], fixed: Mapping[str, float], start: Mapping[str, Any]) -> Variables | Numbers:
+    lists = [name for name in unknown if name in LISTS]
+    if not lists:
+        return Variables(unknown, **fixed)
+    if len(lists) < len(unknown) or fixed:
+        raise ValueError(
+            f'parameter "{lists[0]}" is a list of numbers, which is recovered without others: leave {", ".join(LISTS)} alone in '
+            "unknown, and fixed out"
+        )
+    missing = [name for name in lists if name not in start]
+    if missing:
+        raise ValueError(f'parameter "{missing[0]}" is missing: give a list to start from')
+    return Numbers({name: start[name] for name in lists})
 
 
 def _checked(target: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -241,7 +285,7 @@ def _spread(mask: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return counts
 
 
-def _deviations(variables: Variables, v: Array, jacobian: Array, residual: Array) -> dict[str, float]:
+def _deviations(variables: Variables | Numbers, v: Array, jacobian: Array, residual: Array) -> dict[str, float]:
     """From the inverse of J^T J, in units of the parameters."""
     freedom = max(len(residual) - len(v), 1)
     known = np.linalg.norm(jacobian, axis=0) > 0.0

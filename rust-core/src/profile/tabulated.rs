@@ -553,7 +553,8 @@ impl TabulatedProfile {
         let check = |cells: &[Cell]| match cells.iter().position(|cell| !(cell.span > LEAST_SPAN)) {
             Some(k) => Err(row(
                 "slopes",
-                k,
+                // as the user counts them
+                k + 1 - usize::from(nodes.begins_above_0),
                 nodes.x[k + 1],
                 "differ from the row before by more than rounding",
                 "leave one of the two out",
